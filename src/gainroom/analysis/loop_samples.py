@@ -164,7 +164,7 @@ class SamplesApart:
         return self._of_all(gains, lambda one, own: one.ends(own, locus, reach))
 
     def _of_all(self, gains: Floats, of: "Callable[[LoopSamples, Floats], tuple[Floats, Floats]]") -> tuple[Floats, Floats]:
-        """Margins (c, 1) of all groups, and their derivatives by the gains of all joints (c, 2 m)."""
+        """Margins and ω (c, 2) of all groups, and the margins' derivatives by the gains of all joints (c, 2 m)."""
         margins, moves = [], []
         for joints, one in self._groups:
             margin, own = of(one, np.ascontiguousarray(gains[:, joints]))

@@ -11,21 +11,28 @@ import numpy as np
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from .core_loop import EVERY_PHASE, CoreLoop
+from .loop_samples import LoopSamples
 from .margin_record import Margins
 
 
 def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
     """`found` with phase margins and peak sensitivities of the frequencies outside `bands` (k, 2) [rad/s]; not certified.
 
-    All other margins stay as they are. The replaced ones are NaN where loci cannot be followed, and where a root lies on the stability
-    boundary to the last digit.
+    All other margins stay as they are. A peak in a band does not count, nor do its flanks outside. The replaced margins are NaN where loci
+    cannot be followed, and where a root lies on the stability boundary to the last digit.
     """
-    phase, crossover = math.nan, math.nan
-    own, peaks, peak_at = np.full(loop.size, math.nan), np.full(loop.size, math.nan), math.nan
     core = CoreLoop.of(loop)
     samples = None if core is None else core.samples(EVERY_PHASE)
     if samples is not None and samples.followed and samples.unstable == 0:
         samples.tell_apart(EVERY_PHASE.factor, math.pi)
+    return outside(samples, found, bands)
+
+
+def outside(samples: LoopSamples | None, found: Margins, bands: Floats) -> Margins:
+    """The same from samples of the loop, as far as these reach: inf and 0 beyond."""
+    size = len(found.one_loop.gain_margin)
+    phase, crossover = math.nan, math.nan
+    own, peaks, peak_at = np.full(size, math.nan), np.full(size, math.nan), math.nan
     if samples is not None and samples.followed and samples.unstable == 0:
         common = _outside(samples.phases(locus=True), bands)
         first = int(np.argmin(np.abs(common[:, 1]))) if len(common) else None
@@ -33,10 +40,10 @@ def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
         own[:] = math.inf
         for joint, lag, _ in _outside(samples.phases(locus=False), bands).tolist():
             own[int(joint)] = min(own[int(joint)], abs(lag))
-        heights = np.vstack([_outside(samples.sensitivities(), bands), _at_edges(loop, bands)])
+        heights = _summits(samples.sensitivities(), bands)
         peaks[:] = 0.0
         np.maximum.at(peaks, heights[:, 0].astype(int), heights[:, 1])
-        peak_at = float(heights[np.argmax(heights[:, 1]), 2])
+        peak_at = float(heights[np.argmax(heights[:, 1]), 2]) if len(heights) else math.nan
     return replace(
         found,
         one_loop=replace(found.one_loop, phase_margin=own, peak_sensitivity=peaks),
@@ -57,11 +64,20 @@ def _outside(rows: Floats, bands: Floats) -> Floats:
     return rows[~np.any((omega > bands[:, 0]) & (omega < bands[:, 1]), axis=1)]
 
 
-def _at_edges(loop: Loop, bands: Floats) -> Floats:
-    """(c, 3) joint, |S_ii| and ω at the edges of the bands that lie on the stability boundary: it is highest where a band cuts a peak."""
-    last = math.inf if loop.sample_time is None else math.pi / loop.sample_time
-    omega = bands[(bands > 0) & (bands < last)]
-    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
-    sensitivity = np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
-    joints = np.arange(loop.size)
-    return np.array([[joint, abs(one[joint]), at] for at, one in zip(omega, sensitivity, strict=True) for joint in joints]).reshape(-1, 3)
+def _summits(rows: Floats, bands: Floats) -> Floats:
+    """The rows (c, 3), joint, height and ω, that lie in no band and on no flank of a peak in one: a flank ends where heights rise again."""
+    kept = []
+    for joint in np.unique(rows[:, 0]):
+        own = rows[rows[:, 0] == joint]
+        own = own[np.argsort(own[:, 2], kind="stable")]
+        rises = np.diff(own[:, 1])
+        left = np.ones(len(own), dtype=bool)
+        for low, high in bands.tolist():
+            first, last = np.searchsorted(own[:, 2], (low, high))  # rows first to last − 1 are inside
+            lowest = np.flatnonzero(rises[: max(first - 1, 0)] < 0)
+            highest = np.flatnonzero(rises[last:] > 0)
+            begin = int(lowest[-1]) + 1 if len(lowest) else 0
+            end = last + int(highest[0]) + 1 if len(highest) else len(own)
+            left[begin:end] = False
+        kept.append(own[left])
+    return np.vstack(kept)

@@ -16,7 +16,7 @@ For joints with gains of their own C = R (s² + RᵀYR)⁻¹ Rᵀ is simpler: dc
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,10 @@ class SoftPeaks:
     omega: Floats
     height: Floats
     slope: Floats
+
+    def joined(self, other: "SoftPeaks") -> "SoftPeaks":
+        """These peaks and those of `other`."""
+        return SoftPeaks(*(np.concatenate([getattr(one, each.name) for one in (self, other)]) for each in fields(self)))
 
     @property
     def gear_limited(self) -> Booleans:
@@ -133,9 +137,15 @@ class DirectedCompliance:
         """Mask (m,) of the directions that a load moves and a stiffness holds."""
         return self.moved & (gains[0] > 0)
 
-    def peaks(self, gains: Floats, share: float = SHARE) -> SoftPeaks:
-        """Peaks with these gains, whose loop is stable, that reach `share` of each direction's highest."""
+    def peaks(self, gains: Floats, share: float = SHARE, above: float = 0.0) -> SoftPeaks:
+        """Peaks with these gains, whose loop is stable, that reach `share` of each direction's highest.
+
+        above   frequency [rad/s] of a sway that something else holds: peaks below it are left out, and each joint yields at rest by its
+                own gain and gearbox alone, 1/kp + 1/K
+        """
         held, parts = self.held(gains), [self._sampled(gains)]
+        if above > 0:
+            parts[0] = _Open.at_each(parts[0].omega[parts[0].omega > above], parts)
 
         def response(omega: Floats) -> Complexes:
             if omega is not parts[0].omega:
@@ -144,7 +154,18 @@ class DirectedCompliance:
 
         found = peaks(response, parts[0].omega, share, ROUNDS)
         slope = self._sloped(_Open.at_each(found.omega, parts), found.joint, gains)
-        return SoftPeaks(found.joint, found.omega, np.log(found.height), slope)
+        moving = SoftPeaks(found.joint, found.omega, np.log(found.height), slope)
+        return moving.joined(self._resting(gains, held)) if above > 0 else moving
+
+    def _resting(self, gains: Floats, held: Booleans) -> SoftPeaks:
+        """Compliance of each joint `held` at rest, the others locked."""
+        joints, parts = np.flatnonzero(held), self._links.parts
+        own = 1 / gains[0, joints]
+        yielding = parts.plant.elastic[joints] & (parts.feedback == "motor")
+        springs = np.where(yielding, 1 / parts.plant.stiffness[joints], 0.0)
+        slope = np.zeros((len(joints), 2, gains.shape[1]))
+        slope[np.arange(len(joints)), 0, joints] = -own / (own + springs)
+        return SoftPeaks(joints, np.zeros(len(joints)), np.log(own + springs), slope)
 
     def along(self, omega: Floats, gains: Floats) -> Complexes:
         """Compliance c (k, m) along each direction at omega (k,)."""

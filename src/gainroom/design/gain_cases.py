@@ -12,9 +12,11 @@ from ..errors import GainroomError
 from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
+from ..system.requirements import SWAY_DAMPING
 from ..system.system import StateCase, System
 from .margin_slopes import GainCase, Gains
 from .starting_gains import joints_that_move, link_inertia
+from .swaying import FLOOR, Swaying
 
 
 def joint_case(title: str, system: System, model: Any, contact: str = "") -> GainCase:
@@ -25,7 +27,20 @@ def joint_case(title: str, system: System, model: Any, contact: str = "") -> Gai
     def loop(gains: Gains) -> Loop:
         return first.regained(system.filtered(PD(gains[0], gains[1])))
 
-    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements, contact)
+    sway, balanced, required = _sway(system, model, loop), system.balance == "controller", system.requirements
+    if sway is not None and balanced and required.asked:
+        required = required.also(SWAY_DAMPING, FLOOR)
+    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), required, contact, sway, balanced)
+
+
+def _sway(system: System, model: Any, loop: Callable[[Gains], Loop]) -> Swaying | None:
+    """Sway of a floating base on its contacts; None of other models."""
+    if system.source.body is None or system.source.body.base == "fixed":
+        return None
+    from ..robot.sway import SlowMotion  # the whole robot, which a joint does without
+
+    motion = SlowMotion.of(model)
+    return None if motion is None else Swaying(motion, system, loop)
 
 
 def task_case(title: str, system: System, model: Any, tasks: Any, contact: str = "") -> GainCase:
@@ -107,16 +122,6 @@ class SearchedState:
     @property
     def contact(self) -> str:
         return self.state.contact
-
-    def sway(self, loop: Loop) -> Floats:
-        """Frequencies (k,) [rad/s] of the base's sway with the gains of a loop; none where tasks hold the base."""
-        if self.state.system.source.body is None or not self.with_weight.joints:
-            return np.zeros(0)
-        from ..robot.sway import slow_modes, swaying  # the whole robot, which a joint does without
-
-        assert loop.parts is not None
-        modes = slow_modes(self.state.model, loop.parts.controller, self.state.system.control.feedback)
-        return np.array([one.frequency for one in swaying(modes, self.state.system.lag)])
 
 
 def joint_state(state: StateCase) -> SearchedState:

@@ -62,6 +62,7 @@ class Raised:
     margin   per direction what limits it: the requirement that breaks if it is raised, a field of Requirements, "stability", LINK where its
              link would be softer, or "" where nothing does
     case     per direction the index of the case in which that is so; −1: none
+    of_sway  per direction True where sway alone breaks that requirement
     failed   indices of the cases for which alone no gains were found; empty where `holds`
     """
 
@@ -70,6 +71,7 @@ class Raised:
     holds: bool
     margin: tuple[str, ...] = ()
     case: tuple[int, ...] = ()
+    of_sway: tuple[bool, ...] = ()
     failed: tuple[int, ...] = ()
 
 
@@ -363,16 +365,21 @@ class _GainSearch:
         self._anchor(gains, cases)
         blind = [k for k, case in enumerate(cases) if case.breaks(gains)]
         names, places = [""] * gains.shape[1], [-1] * gains.shape[1]
+        of_sway = [False] * gains.shape[1]
         softest, bounds = self._goal.softest(gains), self._bound_of(gains)
         for group in self._moving(gains):
             if group[0] in bounds:
                 for j in group:
                     names[j] = bounds[group[0]]
                 continue
-            broken = self._quickly_broken(stiffer(gains, group, RAISE, 0.0, self._cascade), order, blind)
+            raised = stiffer(gains, group, RAISE, 0.0, self._cascade)
+            swaying = self._broken_by_sway(raised)
+            broken = swaying or self._quickly_broken(raised, order, blind)
             for j in group:
+                of_sway[j] = swaying is not None
                 names[j], places[j] = broken or ((LINK, int(softest[j])) if softest[j] >= 0 else ("", -1))
-        return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, tuple(names), tuple(places))
+        margins = tuple(at_once(lambda case: case.all_margins(gains), cases))
+        return Raised(gains, margins, True, tuple(names), tuple(places), tuple(of_sway))
 
     def _moving(self, gains: Gains) -> list[list[int]]:
         """Groups of directions that have stiffness."""
@@ -426,8 +433,11 @@ class _GainSearch:
                 looked_at, to_look = gains, to_look - 1
                 self._anchor(gains, cases)
         first = {j: group[0] for group in groups.values() for j in group}
+        swaying = {j: broken for j in why if (broken := self._broken_by_sway(stiffer(gains, groups[j], RAISE, 0.0, self._cascade)))}
+        why |= swaying
         names, places = zip(*(why.get(first.get(j, -1), ("", -1)) for j in range(gains.shape[1])), strict=True)
-        return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places)
+        of_sway = [first.get(j, -1) in swaying for j in range(gains.shape[1])]
+        return Raised(gains, tuple(at_once(lambda case: case.all_margins(gains), cases)), True, names, places, tuple(of_sway))
 
     def _raised(
         self, gains: Gains, which: Sequence[int], order: list[int], blind: Sequence[int], follow: bool
@@ -458,6 +468,10 @@ class _GainSearch:
     def _quickly_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """Requirement predicted to be broken, without new samples, and the index of the case; None where none is."""
         return self._first(lambda case: case.breaks(gains), [k for k in order if k not in blind])
+
+    def _broken_by_sway(self, gains: Gains) -> tuple[str, int] | None:
+        """First requirement predicted to be broken by sway alone, and the index of the case; None where there is none."""
+        return next(((one.breaks(gains), k) for k, one in enumerate(self._cases) if one.breaks_by_sway(gains)), None)
 
     def _broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
         """First requirement that is broken, and the index of the case; None where none is."""

@@ -45,6 +45,7 @@ class GainSet:
     margin    (m,) what limits that joint or direction: the requirement that breaks if it is raised by 5 %, "stability", "link" where its
               link would then be softer, the bound that its gains are on ("kp_max"), or "" where nothing does
     case      (m,) and where, as text
+    of_sway   (m,) True where sway alone breaks that requirement
     softest   index of the joint or direction that `binding` is about
     without_weight  True where the weight of a robot that stands was left out, as no gains were found that meet the requirements with it
     nearest   shortfall of the best gains found with the weight, as text; "" where the weight counted
@@ -61,6 +62,7 @@ class GainSet:
     links: tuple[StateStiffness, ...] = ()
     margin: tuple[str, ...] = ()
     case: tuple[str, ...] = ()
+    of_sway: tuple[bool, ...] = ()
     softest: int = 0
     without_weight: bool = False
     nearest: str = ""

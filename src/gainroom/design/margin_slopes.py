@@ -16,13 +16,15 @@ import numpy as np
 from ..analysis.loop_samples import WHOLE, Directed, LoopSamples, Reach, directed_loop, joint_loops, margins_of_samples, take_samples
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
+from ..analysis.margins_outside import outside
 from ..errors import GainroomError
 from ..system.controller import PD
 from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
-from .compliance_slopes import DirectedCompliance
+from .compliance_slopes import DirectedCompliance, SoftPeaks
+from .swaying import Swaying
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
@@ -30,6 +32,7 @@ NEAR = 0.4  # distance from a requirement, in ln of a gain or sensitivity or as 
 FOLLOWED = 0.1  # likewise for margins predicted at gains a little further on
 CLOSE = 0.15  # largest change in ln of a gain over which a loop's curves are predicted before it is sampled anew
 STABLE = Reach(factor=3.0, phase=0.7)  # reach of samples for a root count alone: a smaller one takes more samples near −1
+NO_BANDS = np.zeros((0, 2))
 BROKEN = 1e-5  # shortfall below which it may be round-off
 DIFFERENCE = 1e-3  # step in ln of a gain for the slope of a margin without a closed form
 BELIEVED = 100.0  # largest slope that is used: two crossings that are about to vanish move ever faster
@@ -45,6 +48,8 @@ class GainCase:
     cascade    (m,) True for directions that are P/PI
     required   the requirements; none: stability alone
     contact    contact state
+    sway       sway of the base as a function of gains; None where nothing sways
+    balanced   True: a controller above the joints damps sway; then its frequencies count in no phase margin, sensitivity and compliance
     """
 
     title: str
@@ -54,6 +59,8 @@ class GainCase:
     cascade: Booleans
     required: Requirements
     contact: str = ""
+    sway: Swaying | None = None
+    balanced: bool = False
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _stable: dict[bytes, bool | None] = field(default_factory=dict, repr=False, compare=False)
@@ -79,6 +86,15 @@ class GainCase:
     def compliance(self) -> DirectedCompliance:
         """Compliance of the links along the directions."""
         return DirectedCompliance(self.loop(np.ones((3, len(self.cascade)))), self.torque, self.jacobian, self.cascade)
+
+    def peaks(self, gains: Gains) -> SoftPeaks:
+        """Peaks of the links' compliance with these gains, above sway and at rest where a controller damps it."""
+        bands = self.left_out(gains)
+        return self.compliance.peaks(gains, above=float(bands.max(initial=0.0)))
+
+    def left_out(self, gains: Gains) -> Floats:
+        """Frequency bands (k, 2) [rad/s] of sway that a controller damps."""
+        return self.sway.at(gains).bands if self.sway is not None and self.balanced else NO_BANDS
 
     @cached_property
     def _asked(self) -> "_Asked":
@@ -118,6 +134,8 @@ class GainCase:
         if not found.stable or not samples.followed:
             return found
         found = replace(found, loops=(self.loop(gains),))
+        if self.sway is not None and self.balanced and len((sway := self.sway.at(gains)).frequency):
+            found = replace(outside(samples, found, sway.bands), sway_damping_ratio=float(sway.damping.min()))
         for one, _ in self.required.asked_for:
             if math.isnan(one.value(found)):
                 found = replace(found, **one.sampled(_Peaks(samples)))
@@ -157,7 +175,7 @@ class GainCase:
 
     def followed(self, gains: Gains) -> "Slopes":
         """Slopes predicted from the samples at the anchor, see `slopes`; curves that have come near −1 since then are missing."""
-        return _Curves(self, gains, self._anchor[0][1], NEAR, followed=True).slopes()
+        return _Curves(self, gains, self._anchor[0][1], NEAR, self.left_out(gains), followed=True).slopes()
 
     @property
     def anchored(self) -> Gains:
@@ -171,7 +189,9 @@ class GainCase:
     def slopes(self, gains: Gains) -> "Slopes | None":
         """Shortfalls near 0 with these gains, and their slopes; None where the loop is unstable, or could not be followed."""
         samples = self._samples_at(gains)
-        return _Curves(self, gains, samples, NEAR).slopes() if samples.followed and samples.unstable == 0 else None
+        if not samples.followed or samples.unstable != 0:
+            return None
+        return _Curves(self, gains, samples, NEAR, self.left_out(gains)).slopes()
 
     def _samples_at(self, gains: Gains) -> LoopSamples:
         """Samples of the loop with these gains; the last ones of a stable loop are stored."""
@@ -185,15 +205,22 @@ class GainCase:
             self._last[:] = [(key, samples)]
         return samples
 
-    def breaks(self, gains: Gains) -> str:
-        """Name of a requirement that gains near the anchor are predicted to break; "" where none is.
+    def breaks_by_sway(self, gains: Gains) -> bool:
+        """True if what gains near the anchor are predicted to break is kept at all frequencies but those of sway."""
+        if self.sway is None or self.balanced or not self.breaks(gains):
+            return False
+        return not self.breaks(gains, self.sway.at(gains).bands)
+
+    def breaks(self, gains: Gains, bands: Floats | None = None) -> str:
+        """Name of a requirement that gains near the anchor are predicted to break outside `bands`; "" where none is. None: `left_out`.
 
         Crossings and peaks near a requirement at the anchor are followed to the new gains: where they come to is a margin of the new loop.
         The requirement that broke last is checked first.
         """
         if not self._anchor:
             return ""
-        curves = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True, broken=True)
+        bands = self.left_out(gains) if bands is None else bands
+        curves = _Curves(self, gains, self._anchor[0][1], FOLLOWED, bands, followed=True, broken=True)
         asked = sorted(self.required.asked_for, key=lambda each: each[0].name not in self._broke)
         for one, needed in asked:
             if any(_broken(part) for _, part in one.slopes(curves, needed)):
@@ -277,6 +304,9 @@ class _Asked:
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         return self._wider(Reach(peaks=((slope, offset, ceiling * math.exp(-NEAR)),)))
 
+    def at_sway(self, name: str, needed: float) -> list[PlacedSlopes]:
+        return []
+
     def at_measured(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
         return []
 
@@ -293,6 +323,7 @@ class _Asked:
 class _Curves:
     """Visitor of the requirements that collects, from samples of a loop, shortfalls above −`near` and their slopes.
 
+    bands      (k, 2) frequencies [rad/s] at which phase margins and sensitivities are left out
     followed   True: `seen` is of gains a little away, and its curves are predicted; margins without a curve are left out
     broken     True: for a check whether anything is broken; parts after the first that is broken are left out, and so are slopes
 
@@ -303,6 +334,7 @@ class _Curves:
     gains: Gains
     samples: LoopSamples
     near: float
+    bands: Floats
     followed: bool = False
     broken: bool = False
 
@@ -318,6 +350,16 @@ class _Curves:
     def _moving(self, found: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """Margins (c,) and their derivatives (c, 2, m) from the core's arrays: (c, 1), and (c, 2 m)."""
         return found[0][:, 0], found[1].reshape(len(found[1]), 2, self.case.torque.shape[1])
+
+    def _outside(self, found: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        """The same at frequencies outside `bands`."""
+        omega = found[0][:, 1:]
+        kept = ~np.any((omega > self.bands[:, 0]) & (omega < self.bands[:, 1]), axis=1)
+        return self._moving((found[0][kept], found[1][kept]))
+
+    def _first_below(self, limit: float, none: float) -> float:
+        """Margin at which samples may stop, where a broken one is searched; `none`: nowhere, as it may lie in a band."""
+        return limit if self.broken and not len(self.bands) else none
 
     def at_axis(self, name: str, factor: float) -> list[PlacedSlopes]:
         """Gain margins: where loci and return ratios are real and negative."""
@@ -335,12 +377,12 @@ class _Curves:
 
     def at_circle(self, name: str, angle: float) -> list[PlacedSlopes]:
         """Phase margins: where loci and return ratios are of size 1."""
-        until = angle * (1 - BROKEN) if self.broken else 0.0
+        until = self._first_below(angle * (1 - BROKEN), 0.0)
 
         def parts() -> Iterator[PlacedSlopes]:
             for place, locus in ((PEAKS + 1, True), (PEAKS + 2, False)):
                 crossings = self.samples.crossings(self.gains, locus, False, angle * (1 + self.near), until)
-                yield place, _limited(angle, *self._moving(crossings), angle, name)
+                yield place, _limited(angle, *self._outside(crossings), angle, name)
 
         return self._as_far_as_asked(parts())
 
@@ -362,9 +404,16 @@ class _Curves:
 
     def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[PlacedSlopes]:
         """Peaks of |slope S_ii + offset|: at a maximum, its shift in frequency changes nothing to first order."""
-        until = ceiling * math.exp(BROKEN) if self.broken else math.inf
-        height, moves = self._moving(self.samples.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
+        until = self._first_below(ceiling * math.exp(BROKEN), math.inf)
+        height, moves = self._outside(self.samples.peaks(self.gains, ceiling * math.exp(-self.near), slope, offset, until))
         return [(PEAKS, Slopes(np.log(height / ceiling), moves, (name,) * len(height)))]
+
+    def at_sway(self, name: str, needed: float) -> list[PlacedSlopes]:
+        """Damping ratios of sway, in shares of the required one."""
+        if self.case.sway is None:
+            return []
+        sway = self.case.sway.at(self.gains)
+        return [(ENDS, Slopes(1 - sway.damping / needed, -sway.slope / needed, (name,) * len(sway.damping)))]
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[PlacedSlopes]:
         """Shortfall of a margin that no curve gives, and its slopes by finite differences: each needs new samples."""

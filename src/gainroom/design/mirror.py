@@ -17,7 +17,7 @@ from ..system.system import StateCase
 from .gain_cases import SearchedState
 from .gain_sets import GainSet, StateStiffness
 from .margin_slopes import GainCase
-from .set_search import ON_BOUNDS
+from .set_search import AT_JOINT, ON_BOUNDS
 from .starting_gains import Beginning
 
 EXACT = 1e-9
@@ -83,6 +83,7 @@ def mirror_image(
         links=tuple(_turned_links(one, order, others[0].contact) for one in found.links),
         margin=tuple(found.margin[j] for j in order),
         case=where,
+        of_sway=tuple(found.of_sway[j] for j in order),
         softest=softest,
         nearest=_of_mirrored(found.nearest, titles),
         topples=tuple(topples),
@@ -96,8 +97,8 @@ def _turned_links(one: StateStiffness, order: Integers, contact: str) -> StateSt
 
 
 def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
-    """Text `nearest` (set_search.py) with titles of states replaced by those of their mirror images, without bounds: of other joints."""
-    shortage, between, title = nearest.partition(ON_BOUNDS)[0].rpartition(" in ")
+    """Text `nearest` (set_search.py) with states replaced by their mirror images, without what names joints: others do."""
+    shortage, between, title = nearest.partition(ON_BOUNDS)[0].partition(AT_JOINT)[0].rpartition(" in ")
     return shortage + between + titles.get(title, title)
 
 

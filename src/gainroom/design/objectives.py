@@ -213,7 +213,7 @@ class LinkSoftness:
         return [k for k, one in found.items() if np.any(one.height >= most[one.direction + self._place(k)])]
 
     def _peaks(self, which: Sequence[int], gains: Gains) -> dict[int, SoftPeaks]:
-        return dict(zip(which, at_once(lambda k: self.cases[k].compliance.peaks(gains), which), strict=True))
+        return dict(zip(which, at_once(lambda k: self.cases[k].peaks(gains), which), strict=True))
 
     def _highest(self, found: Mapping[int, SoftPeaks]) -> Floats:
         """ln of the highest peak (T,) of each contact state's directions; −inf where there is none."""

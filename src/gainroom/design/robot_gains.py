@@ -49,7 +49,7 @@ def recommend_robot(
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    weight = space == "joint"
+    weight = _weighs(system, space)
     further = [system.case_at(place, posture, contact, weight) for posture, contact in system.source.states for place in places]
     states = [*system.cases(weight=weight, inside=True), *(replace(case, between=False) for case in further)]
     first = states[0].model
@@ -165,7 +165,7 @@ def equal_joints(system: System) -> tuple[tuple[int, ...], ...]:
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:
     """Margins of a set of gains where the loop runs at `rate` [Hz], all else as it is: the worst of all states and corners."""
     sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
-    weight = space == "joint" and not found.without_weight
+    weight = _weighs(system, space) and not found.without_weight
     return worst_of(each(lambda acting: acting[0].all_margins(acting[1]), list(_acting(sampled, found, space, weight))))
 
 
@@ -175,7 +175,7 @@ def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
     At the corners of the uncertainty; of a range of the delay, which is the same for all, at its shortest: one longer by d leaves less by
     d. With the weight where it counts, and without it, as a file's own gains are judged.
     """
-    weights = {space == "joint" and not found.without_weight, False}
+    weights = {_weighs(system, space) and not found.without_weight, False}
     later = 0.0
     if ends := system.uncertainty.delay_range:
         low, high = ends
@@ -193,6 +193,11 @@ def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterato
     return ((case_of(case, space), gains) for case in system.cases(weight=weight) if _acts(case, space))
 
 
+def _weighs(system: System, space: str) -> bool:
+    """True if the joints' gains alone hold a standing robot's weight: no task or balance controller does."""
+    return space == "joint" and system.balance != "controller"
+
+
 def _acts(case: StateCase, space: str) -> bool:
     """True if gains of that space ("joint" or "task") move anything in that state."""
     if space == "joint":
@@ -202,6 +207,6 @@ def _acts(case: StateCase, space: str) -> bool:
 
 def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
     """Titles of the states in which the weight is left out although it should count."""
-    if system.source.gravity is not None or system.source.body.base == "fixed" or space == "task":
+    if system.source.gravity is not None or system.source.body.base == "fixed" or not _weighs(system, space):
         return ()
     return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)

@@ -12,13 +12,16 @@ found so is reported beside them.
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..analysis.dynamic_stiffness import damping_by_kind
 from ..analysis.margin_record import GainLimit, Margins, worst_of
-from ..errors import first_of_many, listed
+from ..analysis.margins import margins
+from ..analysis.margins_outside import margins_outside
+from ..errors import GainroomError, first_of_many, listed
 from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
@@ -44,6 +47,7 @@ DIGITS = (4, 5, 6, 7)
 """Digits of rounded gains: the first number of them with which the requirements are met."""
 
 
+AT_JOINT = ", least at "
 ON_BOUNDS = ", on the bounds "
 """What stands in the text of a nearest result before the bounds that its gains are on."""
 
@@ -167,6 +171,7 @@ class SetSearch:
             links,
             found.margin,
             where,
+            found.of_sway,
             without_weight=without,
             nearest=near if without else "",
             topples=tuple(topples),
@@ -232,7 +237,7 @@ class SetSearch:
         """Shortfall of the nearest result, as text, and which bounds its gains are on."""
         reached = {name: np.flatnonzero(self.beginning.bounds.on(name, found.gains)) for name in self.beginning.bounds.names}
         bounds = [f"{name} of {first_of_many([self.beginning.names[k] for k in on.tolist()])}" for name, on in reached.items() if len(on)]
-        return _nearest(cases, found) + (f"{ON_BOUNDS}{listed(bounds)}" if bounds else "")
+        return _nearest(cases, found, self.beginning.names) + (f"{ON_BOUNDS}{listed(bounds)}" if bounds else "")
 
 
 def gains_of(found: GainSet, where_none: float = 0.0) -> Gains:
@@ -257,13 +262,14 @@ def _links(states: Sequence[SearchedState], gains: Gains, without: bool) -> tupl
     for state in states:
         title = f"{state.state.posture}/{state.state.contact}"
         for case in dict.fromkeys([state.without] if without else [state.with_weight, state.without]):
-            peaks = case.compliance.peaks(gains)
+            peaks = case.peaks(gains)
             worst = peaks.worst(gains.shape[1])
             own = np.where(worst >= 0, np.exp(-peaks.height[worst]), math.nan)
             omega, geared = np.where(worst >= 0, peaks.omega[worst], math.nan), (worst >= 0) & peaks.gear_limited[worst]
             if title not in found:
                 loop = case.loop(gains)
-                damping = damping_by_kind(loop, state.sway(loop), np.unique(omega[geared]))
+                sway = np.zeros(0) if case.sway is None else case.sway.at(gains).frequency
+                damping = damping_by_kind(loop, sway, np.unique(omega[geared]))
                 found[title] = StateStiffness(title, state.contact, own, omega, geared, damping)
                 continue
             one = found[title]
@@ -318,11 +324,25 @@ def _most_missed(cases: Sequence[GainCase], found: Raised) -> float:
     return max(case.required.shortfall(margins) for margins, case in zip(found.margins, cases, strict=True))
 
 
-def _nearest(cases: Sequence[GainCase], found: Raised) -> str:
-    """Shortfall of the nearest result and the case in which it occurs, as text."""
+def _nearest(cases: Sequence[GainCase], found: Raised, names: Sequence[str]) -> str:
+    """Shortfall of the nearest result, the case in which it occurs and the joint that has least, as text."""
     margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
-    shortage = "too soft for the weight" if case.loop(found.gains).topples else _shortage(margins, case.required)
-    return f"{shortage} in {case.title}"
+    if case.loop(found.gains).topples:
+        return f"too soft for the weight in {case.title}"
+    joint = _worst_joint(case, found.gains, case.required.missed(margins)) if case.joints else None
+    return f"{_shortage(margins, case.required)} in {case.title}" + ("" if joint is None else f"{AT_JOINT}{names[joint]}")
+
+
+def _worst_joint(case: GainCase, gains: Gains, name: str) -> int | None:
+    """The joint whose own loop has least of a margin; None where it is not of one loop, or not known."""
+    if name not in REQUIREMENTS:
+        return None
+    with suppress(GainroomError):
+        loop = case.loop(gains)
+        each = REQUIREMENTS[name].of_loops(margins_outside(loop, margins(loop), case.left_out(gains)))
+        if each is not None and not np.isnan(each).any():
+            return int(np.argmax(each) if REQUIREMENTS[name].at_most else np.argmin(each))
+    return None
 
 
 def _shortage(margins: Margins, required: Requirements) -> str:
@@ -330,7 +350,7 @@ def _shortage(margins: Margins, required: Requirements) -> str:
     name = required.missed(margins)
     if name in ("stability", ""):
         return "unstable" if name else "margins that are not certified"
-    one, needed = REQUIREMENTS[name], required.needed[name]
+    one, needed = next(pair for pair in required.asked_for if pair[0].name == name)
     texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
     found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
     return f"{one.named(margins)} {found} of {asked}"

@@ -369,7 +369,7 @@ class Look:
 
     def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float, until: float = ...) -> tuple[Floats, Floats]:
-        """Crossings of the loop with `gains`.
+        """Crossings (c, 2) of the loop with `gains`, margin and ω, and the margins' derivatives (c, 2 m); delays, peaks and ends likewise.
 
         `until`: only the first crossing with a smaller margin, without its derivatives. As in peaks, where it is the first that is higher.
         """

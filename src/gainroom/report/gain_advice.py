@@ -205,6 +205,8 @@ def _decide_first(study: Analysis, call: str, found: ToUse) -> ToUse:
 def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     if study.to_use is None:
         return NOTHING
+    from .recommended_gains import sway_text  # loads the search for gains, which audits do without
+
     gains, found = study.to_use
     remarks, usual, asked = [], study.recommended_at_usual_rate, study.system.requirements
     own, joints = study.controllers_to_use, gains.space == "joint"
@@ -213,9 +215,10 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
         lines = other_type(own[0], study.system.control.controller) + lines
     if usual is not None and not asked.met_by(usual):
         return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
-    if found.without_weight:
-        topples = f", and the robot topples on these in {found.topples[0]}" if found.topples else ""
-        remarks.append(f"Without that no gains were found that meet the requirements{topples}.")
+    if found.without_weight and found.topples:
+        remarks.append(f"With the weight the robot topples on these in {found.topples[0]}.")
+    if joints:
+        remarks += filter(None, [sway_text(gains, found, asked, study.system.balance == "controller")])
     remarks += _cost_of_ranges(study)
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
@@ -224,8 +227,17 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
         remarks.append(
             f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
         )
-    only = "Only where the controller compensates the robot's weight: " if found.without_weight else ""
-    return ToUse(_heading(study, f"{_place(call, place)}{now}", only), lines, remarks, margins=study.margins_to_use)
+    where = f"{_place(call, place)}{now}"
+    heading = _without_weight(found.nearest, where) if found.without_weight else _heading(study, where)
+    return ToUse(heading, lines, remarks, margins=study.margins_to_use)
+
+
+def _without_weight(nearest: str, place: str) -> str:
+    """Heading of gains that hold without the robot's weight only: what prevents others, and where these may be used."""
+    return (
+        f"With the robot's weight no gains were found that meet everything; the nearest: {nearest}. Where the controller compensates the "
+        f"weight (`gravity_stiffness: false` under `model`), these do, {place}:"
+    )
 
 
 def _cost_of_ranges(study: "RobotStudy") -> list[str]:
@@ -274,16 +286,13 @@ def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str
     return f"Gains for continuous time, under {place}; at {AT_USUAL} they {lacking(asked, margins)}:"
 
 
-def _heading(study: Analysis, place: str, only: str = "") -> str:
-    """Heading of recommended gains: whether they replace the present ones, and their file and section.
-
-    only   condition under which they may be used, with a trailing blank
-    """
+def _heading(study: Analysis, place: str) -> str:
+    """Heading of recommended gains: whether they replace the present ones, and their file and section."""
     if study.system.asks:
         return f"Write {place}:"
     if study.requirements_met is False:
-        return f"{only}{'u' if only else 'U'}se instead, {place}:"
-    return f"The present gains may stay. {only}{'t' if only else 'T'}he stiffest that meet the requirements, {place}:"
+        return f"Use instead, {place}:"
+    return f"The present gains may stay. The stiffest that meet the requirements, {place}:"
 
 
 def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:

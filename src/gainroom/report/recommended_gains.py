@@ -78,15 +78,37 @@ def cost_text(gains: RobotGains) -> str:
 
 def limited_by(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction: its name, the margin, and the state."""
-    margin = _limit_title(found.margin[found.softest]) if found.margin else ""
+    margin = _limits_of(found)[found.softest] if found.margin else ""
     weight = ", without the weight" if found.without_weight else ""
     where = f", {found.binding}" if found.binding else ""  # a bound holds in every state
     return f"{names[found.softest]}: {margin}{where}{weight}" if margin else f"no requirement{weight}"
 
 
-def _limit_title(margin: str) -> str:
-    """What limits a gain, as text: a requirement, a bound, or the link, which stiffer gains damp less."""
-    return "its own link, which would be softer" if margin == LINK else title_of(margin)
+def _limits_of(found: GainSet) -> list[str]:
+    """What limits each joint or direction, as text: a requirement, a bound, or the link, which stiffer gains damp less; "": nothing."""
+    titles = ["its own link, which would be softer" if margin == LINK else title_of(margin) for margin in found.margin]
+    return [f"{title} of sway" if sways else title for title, sways in zip(titles, found.of_sway, strict=True)]
+
+
+def sway_text(gains: RobotGains, found: GainSet, required: Requirements, balanced: bool) -> str:
+    """Sentence on who damps sway with a set of gains, and what joints that have to damp it cannot have; "" where nothing sways."""
+    sways = [(*one.damping["sway"], one.title) for one in found.links if "sway" in one.damping]
+    if balanced and sways:
+        ratio, omega, title = min(sways)
+        return (
+            f"A controller above the joints damps sway; with these gains alone its damping ratio is {digits(ratio, '', 2)}, at "
+            f"{hertz(omega)} in {title}."
+        )
+    held = [j for j, sway in enumerate(found.of_sway) if sway]
+    if not held:
+        return ""
+    first = min(held, key=lambda j: found.kp[j])
+    one, needed = next(pair for pair in required.asked_for if pair[0].name == found.margin[first])
+    return (
+        f"{one.label[:1].upper()}{one.label[1:]} {one.sign} {one.text(needed)} on sway of the base in {found.case[first]} is what keeps "
+        f"{listed([gains.names[j] for j in held])} at kp {digits(float(found.kp[first]), '', 3)}{'' if len(held) == 1 else ' and more'}. "
+        "Where a controller above the joints damps it, state `balance: controller`."
+    )
 
 
 def weight_warnings(gains: RobotGains) -> list[str]:
@@ -113,9 +135,7 @@ def weight_warnings(gains: RobotGains) -> list[str]:
 
 def _limits(found: GainSet, names: Sequence[str]) -> str:
     """Limit of the softest joint or direction, and the number of joints limited by each margin."""
-    reasons = Counter(
-        f"{_limit_title(margin)}{' in ' * bool(state)}{state}" for margin, state in zip(found.margin, found.case, strict=True) if margin
-    )
+    reasons = Counter(f"{limit}{' in ' * bool(state)}{state}" for limit, state in zip(_limits_of(found), found.case, strict=True) if limit)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
     return f"{limited_by(found, names)}; of all, {counted}" if counted else limited_by(found, names)
 
@@ -207,7 +227,8 @@ SET = [
         "",
         "held_back_by",
         lambda row: [
-            {"margin": margin or None, "state": state or None} for margin, state in zip(row.gain_set.margin, row.gain_set.case, strict=True)
+            {"margin": margin or None, "state": state or None, "of_sway": sways}
+            for margin, state, sways in zip(row.gain_set.margin, row.gain_set.case, row.gain_set.of_sway, strict=True)
         ],
     ),
     Column("", "dynamic_stiffness", lambda row: row.gain_set.stiffness),

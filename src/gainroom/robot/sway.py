@@ -35,11 +35,13 @@ class SlowMode:
     frequency   undamped [rad/s]
     of_base     the base's share of the kinetic energy, all bodies moving along with it
     joints      (n,) joint motion, the largest 1
+    held        (n,) shares of the joints in the energy stored in gains and gearboxes, with the sum 1
     """
 
     frequency: float
     of_base: float
     joints: Floats
+    held: Floats
 
     @property
     def sways(self) -> bool:
@@ -47,29 +49,53 @@ class SlowMode:
         return self.of_base >= OF_BASE
 
 
+@dataclass(frozen=True)
+class SlowMotion:
+    """Slow motion of a floating robot on its contacts, whatever its gains.
+
+    model    the linearised robot
+    motion   (b, r) velocities of all bodies, base first, in the motions that the contacts leave
+    links    (n, n) mobility of the joints, W
+    """
+
+    model: RobotModel
+    motion: Floats
+    links: Floats
+
+    @classmethod
+    def of(cls, model: RobotModel) -> "SlowMotion | None":
+        """Slow motion of a model; None of a fixed base and in flight, where nothing sways."""
+        if model.body.base == "fixed" or not model.contacts:
+            return None
+        motion = free_motion(model.inertia, model.held.jacobian)  # compliant contacts, too, hold the base: springs move little when slow
+        joints = motion[len(model.inertia) - model.size :]
+        return cls(model, motion, joints @ joints.T)
+
+    def modes(self, controller: Controller, feedback: Feedback) -> tuple[SlowMode, ...]:
+        """Modes on the gains of a controller, by rising frequency."""
+        size, motors = self.model.size, np.diag(self.model.motor_inertia)
+        joints = self.motion[len(self.model.inertia) - size :]
+        held = gain_matrix("kp", controller.terms().get((0, 0), 0.0), size)
+        if feedback == "motor":
+            held = np.linalg.solve(np.eye(size) + held / self.model.stiffness, held)
+        squares, vectors = np.linalg.eig(np.linalg.solve(np.eye(size) + self.links @ motors, self.links @ held))
+        found = []
+        for square, vector in zip(squares, vectors.T, strict=True):
+            if not square.real > 1e-12 * np.abs(squares).max() or abs(square.imag) > 1e-6 * square.real:
+                continue  # no gain holds it, or tasks couple two of them
+            mode = vector.real / vector.real[np.argmax(np.abs(vector.real))]
+            whole = self.motion @ (joints.T @ ((held - square.real * motors) @ mode)) / square.real
+            energy = whole @ self.model.inertia @ whole + mode @ motors @ mode
+            base, stored = whole[:BASE], mode * (held @ mode)
+            share = float(base @ self.model.inertia[:BASE, :BASE] @ base / energy)
+            found.append(SlowMode(float(np.sqrt(square.real)), share, mode, stored / stored.sum()))
+        return tuple(sorted(found, key=lambda one: one.frequency))
+
+
 def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) -> tuple[SlowMode, ...]:
     """Slow modes of a floating robot on its contacts, by rising frequency; () for a fixed base and in flight."""
-    if model.body.base == "fixed" or not model.contacts:
-        return ()
-    size = model.size
-    motion = free_motion(model.inertia, model.held.jacobian)  # compliant contacts, too, hold the base: springs move little when slow
-    joints = motion[len(model.inertia) - size :]
-    links = joints @ joints.T
-    motors = np.diag(model.motor_inertia)
-    held = gain_matrix("kp", controller.terms().get((0, 0), 0.0), size)
-    if feedback == "motor":
-        held = np.linalg.solve(np.eye(size) + held / model.stiffness, held)
-    squares, vectors = np.linalg.eig(np.linalg.solve(np.eye(size) + links @ motors, links @ held))
-    found = []
-    for square, vector in zip(squares, vectors.T, strict=True):
-        if not square.real > 1e-12 * np.abs(squares).max() or abs(square.imag) > 1e-6 * square.real:
-            continue  # no gain holds it, or tasks couple two of them
-        mode = vector.real / vector.real[np.argmax(np.abs(vector.real))]
-        whole = motion @ (joints.T @ ((held - square.real * motors) @ mode)) / square.real
-        energy = whole @ model.inertia @ whole + mode @ motors @ mode
-        base = whole[:BASE]
-        found.append(SlowMode(float(np.sqrt(square.real)), float(base @ model.inertia[:BASE, :BASE] @ base / energy), mode))
-    return tuple(sorted(found, key=lambda one: one.frequency))
+    slow = SlowMotion.of(model)
+    return () if slow is None else slow.modes(controller, feedback)
 
 
 def swaying(modes: Sequence[SlowMode], lag: float) -> tuple[SlowMode, ...]:

@@ -34,6 +34,10 @@ class LoopCurves(Protocol):
         """Peaks of |slope S_ii + offset| of about `ceiling`."""
         ...
 
+    def at_sway(self, name: str, needed: float) -> Any:
+        """Damping ratios of a floating base's sway."""
+        ...
+
     def at_measured(self, requirement: Any, needed: float) -> Any:
         """Quantity that `requirement` computes from the loop itself, at gains near those for which it is known (measured_about)."""
         ...

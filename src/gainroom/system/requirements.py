@@ -5,7 +5,7 @@ pages know it from there (CONTRIBUTING.md, tests/test_extensions.py).
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,6 +163,18 @@ class TorqueNoise(Requirement):
         return NoisePlane.of(loop.actuated, first, second, float(loop.resolution[0])).at
 
 
+@dataclass(frozen=True)
+class SwayDamping(Requirement):
+    """Damping ratio ζ > 0 of a floating base's least damped sway; ∞ where nothing sways."""
+
+    def shortfall(self, needed: float, value: float) -> float:
+        """Shortfall relative to the required ratio, which a loop may have on either side of 0; inf where the value is not known."""
+        return math.inf if math.isnan(value) else 1 - value / needed
+
+    def slopes(self, curves: LoopCurves, needed: float) -> Any:
+        return curves.at_sway(self.name, needed)
+
+
 TICKS = 0.01
 """Search beyond a required delay margin, relative to it, because a fraction of a tick is not exactly a phase."""
 
@@ -259,6 +271,9 @@ REQUIREMENTS: dict[str, Requirement] = {
 """All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay or jitter margin, nor noise."""
 
 
+SWAY_DAMPING = SwayDamping("sway_damping_ratio", "damping ratio of sway", "sway_damping_ratio", high=1.0)
+"""What recommended gains keep where a balance controller damps sway (design/swaying.py). No file asks for it: it judges no gains."""
+
 NOISE_SHARE = 0.02
 """Torque noise of a joint that is allowed by default, as a share of the peak torque."""
 
@@ -280,7 +295,8 @@ def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) 
 
 def title_of(name: str) -> str:
     """Title of the requirement or of the bound of gains `name`; `name` itself where there is none ("stability")."""
-    return REQUIREMENTS[name].title if name in REQUIREMENTS else f"bound {name}" if name in BOUNDS else name
+    titles = {one.name: one.title for one in (*REQUIREMENTS.values(), SWAY_DAMPING)} | {bound: f"bound {bound}" for bound in BOUNDS}
+    return titles.get(name, name)
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -344,16 +360,25 @@ class Requirements:
 
     def only(self, *names: str) -> "Requirements":
         """Requirements restricted to `names`."""
-        return Requirements(**{name: needed for name, needed in self.needed.items() if name in names})
+        return self._of((one, needed) for one, needed in self.asked_for if one.name in names)
+
+    def also(self, one: Requirement, needed: float) -> "Requirements":
+        """Requirements with one more."""
+        return self._of((*self.asked_for, (one, needed)))
 
     def tightened(self, share: float) -> "Requirements":
         """Requirements with every bound stricter by `share` of it."""
-        return Requirements(**{one.name: one.tightened(needed, share) for one, needed in self.asked_for})
+        return self._of((one, one.tightened(needed, share)) for one, needed in self.asked_for)
+
+    @staticmethod
+    def _of(asked_for: Iterable[tuple[Requirement, float]]) -> "Requirements":
+        found = Requirements()
+        object.__setattr__(found, "asked_for", tuple(asked_for))
+        return found
 
     def met(self, name: str, value: float) -> bool | None:
         """True if `value` meets the requirement `name` within ROUND_OFF; None where it is not asked for, False for NaN."""
-        needed = self.needed.get(name)
-        return None if needed is None else REQUIREMENTS[name].met(needed, value)
+        return next((one.met(needed, value) for one, needed in self.asked_for if one.name == name), None)
 
     def met_by(self, found: MarginRecord) -> bool:
         """True if the loop of `found` is stable and meets every requirement."""

@@ -274,14 +274,15 @@ private:
         return static_cast<gainroom::Gain>(gain);
     }
 
+    // (c, 2): margin and ω; (c, 2 m): the margin's derivatives.
     nb::tuple columns(const std::vector<gainroom::MovingMargin>& found) const {
         std::vector<double> margins, moves;
         for (const gainroom::MovingMargin& one : found) {
-            margins.push_back(one.margin);
+            margins.insert(margins.end(), {one.margin, one.omega});
             moves.insert(moves.end(), one.moves.begin(), one.moves.end());
-            moves.resize(margins.size() * 2 * loop_.directions);  // 0 where nobody asks
+            moves.resize(margins.size() * loop_.directions);  // 0 where nobody asks
         }
-        return nb::make_tuple(owned(margins.data(), found.size(), 1), owned(moves.data(), found.size(), 2 * loop_.directions));
+        return nb::make_tuple(owned(margins.data(), found.size(), 2), owned(moves.data(), found.size(), 2 * loop_.directions));
     }
 
     DirectedLoop& loop_;
