@@ -82,7 +82,7 @@ def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     near = "gain margin 2 dB of 6 dB in stand/left"
     stand = ("stand/left",)
     links = StateStiffness("stand/left", "left", 0.5 * kp, 1 / kp, np.arange(12) == 4)
-    found = GainSet("left", kp, kd, None, margins, "stand/left", 1, (links,), none, 12 * stand, 3, True, near, stand)
+    found = GainSet("left", kp, kd, None, margins, "stand/left", 1, (links,), none, 12 * stand, 12 * (False,), 3, True, near, stand)
     image = mirror_image(found, left, right, Requirements(gain_margin=1.05))
     assert image is not None
     assert image.without_weight

@@ -103,9 +103,7 @@ def test_all_that_was_expected_is_done_and_the_work_is_not():
     told = Progress(clock)
     clock.during[1.0] = lambda: told.tell("robot:", 0, 5, "gains")
     clock.during[2.0] = lambda: told.tell("robot:", 5, 5, "gains")
-    assert (
-        lines_of(clock, told)[0][1] == "gainroom: robot: gains: 100 % done, still at work, 10 s so far"
-    )  # no "0 s left", which would be false
+    assert lines_of(clock, told)[0][1] == "gainroom: robot: gains: longer than expected, 10 s so far"  # no "0 s left", which would be false
 
 
 def test_no_line_while_a_bar_stands():
@@ -153,3 +151,16 @@ def test_a_command_leaves_no_thread_behind():
 
 def test_the_first_line_is_at_ten_seconds():
     assert EVERY == 10.0
+
+
+def test_the_first_steps_tell_no_time_left():
+    """Of 1000 steps 10, 1 %, in 9 s would be 15 minutes, and 40 in 18 s are 8."""
+    clock = Clock(21.0)
+    told = Progress(clock)
+    clock.during[1.0] = lambda: told.tell("robot:", 0, 1000, "gains")
+    clock.during[9.0] = lambda: told.tell("robot:", 10, 1000, "gains")
+    clock.during[19.0] = lambda: told.tell("robot:", 40, 1000, "gains")
+    assert [line for _, line in lines_of(clock, told)] == [
+        "gainroom: robot: gains: 1 % done, 10 s so far",
+        "gainroom: robot: gains: 4 % done, 20 s so far, about 7 min 36 s left",  # 40 in the 19 s since 1, 960 are left: 456 s
+    ]

@@ -11,6 +11,8 @@ from .streams import say
 
 EVERY = 10.0
 """Time between two lines, and before the first [s]: a short command prints none."""
+TOLD = 0.03
+"""Least share done of a count whose speed tells the time left: the first steps of a search are the slowest."""
 FIRST, LAST = "reading the input", "preparing the answer and its page"
 """Work of a command before and after everything that it counts."""
 
@@ -42,8 +44,8 @@ class Progress:
         parts = []
         if total > 0:
             began, first, _ = self._counts[title, total]
-            parts.append(f"{100 * done / total:.0f} % done" + (", still at work" if done >= total else ""))
-            if first < done < total:
+            parts.append("longer than expected" if done >= total else f"{100 * done / total:.0f} % done")
+            if first + TOLD * total <= done < total:
                 parts.append(f"about {duration_text((self._now() - began) * (total - done) / (done - first))} left")
         parts.insert(min(1, len(parts)), f"{duration_text(self._now() - self._begun)} so far")
         return printable(f"gainroom: {' '.join(filter(None, (title, what))).removesuffix(':')}: {', '.join(parts)}")

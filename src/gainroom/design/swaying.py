@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..system.assembly import Feedback
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.system import System
@@ -52,7 +53,7 @@ class Swaying:
 
     def __init__(self, motion: "SlowMotion", system: System, loop: Callable[[Floats], Loop]) -> None:
         self._motion, self._loop, self._limit = motion, loop, system.lag
-        self._feedback = system.control.feedback
+        self._feedback: Feedback = system.control.feedback
         held = (system.control.sample_time or 0.0) / 2
         self._lag = held + np.array([drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in system.drives])
         self._known: tuple[bytes, SwayAt] | None = None

@@ -75,7 +75,7 @@ def verdict_columns(study: Analysis, to_use: Margins | None, heading: str = "new
         Column("nominal" if uncertain else "", "nominal", nominal),
         Column("required", "required", lambda name: requirement(asked, name, 3)),
         Column("met", "met", met, shown=lambda name: "" if met(name) is None else "open" if is_open(name) else yes(met(name))),
-        Column("at", "omega", omega, shown=lambda name: at_frequency(omega(name), "", hertz)),
+        Column("at", "omega", omega, shown=lambda name: "rest" if omega(name) == 0 else at_frequency(omega(name), "", hertz)),
         Column(STATE if several else "", "where", lambda name: study.worst[name].title if several else study.case_of(name)),
         Column(heading if to_use is not None else "", "to_use", after),
         Column("", "name", lambda name: name),
