@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -123,6 +124,29 @@ def test_an_audit_of_recommended_gains_is_of_the_same_robot(folder: Path, capsys
     same(told(capsys, *call, "--gains", "second.json"), again)
     told(capsys, "export", answer, "--to", "yaml", "--output", "gains.yaml", "--write")
     same(told(capsys, *call, "--gains", "gains.yaml"), again)
+
+
+def test_bounds_and_equal_gains_go_into_the_robot_that_an_audit_writes(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """By way of the answer and of the gains exported from it; none equal is something else than nothing said."""
+    robot = written(folder, "a posture") | {
+        "gain_bounds": {"default": {"kd_max": 30}, "k.*": {"kp_max": 40, "kp_min": 2}},
+        "groups": [["hip", "toe"]],
+    }
+    for groups in (robot["groups"], []):
+        (folder / "robot.yaml").write_text(yaml.safe_dump({**robot, "groups": groups}), "utf-8")
+        before = load_robot_system(Path("robot.yaml"))
+        (folder / "answer.json").write_text(json.dumps(told(capsys, "robot", "robot.yaml")), "utf-8")
+        told(capsys, "export", "answer.json", "--to", "yaml", "--output", "gains.yaml", "--write")
+        for gains in ("answer.json", "gains.yaml"):
+            told(capsys, "audit", "leg.xml", "--delay-ms", "2", "--gains", gains, "--write-robot", "again.yaml")
+            after = load_robot_system(Path("again.yaml"))
+            assert after.groups == before.groups == ((0, 2),)[: len(groups)]
+            for end in ("min", "max"):
+                for gain in ("kp", "kd"):
+                    expected = getattr(before.bounds, f"{gain}_{end}")
+                    np.testing.assert_array_equal(getattr(after.bounds, f"{gain}_{end}"), expected)
+        said = told(capsys, "export", "answer.json", "--to", "ros2_control", "--output", "out.yaml", "--write")
+        assert "bounds of recommended gains" in " ".join(said["notes"])
 
 
 LOST = {

@@ -28,7 +28,7 @@ from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
 from .file_types import kind_of_file, wrong_kind
-from .gain_context import BALANCE, JOINT_KEYS
+from .gain_context import BALANCE, GROUPS, JOINT_KEYS
 from .gain_files import JointGains, gains_of, read_gains
 from .gain_formats.gain_record import ANGLE, GAINS_RUN, JOINT_DAMPING, GainFile
 from .model_keyframes import model_keyframes
@@ -228,6 +228,7 @@ class AuditOptions:
         data["drive"] |= {key: value for key, value in (system.get("drive") or {}).items() if not left.get(key)}
         if not self.balance and BALANCE in system:
             data[BALANCE] = system[BALANCE]
+        data |= {key: system[key] for key in ("gain_bounds", GROUPS) if key in system}
         if known := self._context_ranges(system):
             data["uncertainty"] = known
         if not self.posture and "postures" in system:

@@ -20,8 +20,10 @@ KEYS = {
     "drive": ("delay_includes_sampling", "bandwidth", "damping_ratio"),
     "control": ("feedback", "velocity_filter", "notches"),
 }
-"""Keys of a robot.yaml's sections that belong to the context; postures, contacts and uncertainty belong to it as a whole."""
-WHOLE_SECTIONS = ("postures", "contacts", "uncertainty")
+"""Keys of a robot.yaml's sections that belong to the context; postures, contacts, uncertainty and bounds belong to it as a whole."""
+WHOLE_SECTIONS = ("postures", "contacts", "uncertainty", "gain_bounds")
+GROUPS = "groups"
+"""Key for the joints with equal recommended gains: lists, and none of them is something else than no key."""
 BALANCE = "balance"
 """Key for the controller of sway, "joints" or "controller"; its value is a word, not a section."""
 LOOP_KEYS = ("bandwidth", "damping_ratio")
@@ -53,7 +55,8 @@ def gain_context(sections: Mapping[str, Any], system: System) -> dict[str, Any]:
         if len(found.get(name, {})) < 2 and not any(found.get(name, {}).values()):
             found.pop(name, None)
     found[BALANCE] = system.balance
-    return {name: section for name, section in found.items() if section}
+    groups = {} if sections.get(GROUPS) is None else {GROUPS: sections[GROUPS]}
+    return {name: section for name, section in found.items() if section} | groups
 
 
 def _joint_context(system: System) -> dict[str, dict[str, float]]:
@@ -81,12 +84,12 @@ JOINT_KEYS = ("bandwidth", "damping_ratio", "motor_viscous", "delay_ms")
 def read_gain_context(data: object, source: str, within: str) -> dict[str, Any]:
     """Context of gains that a file holds under the key `within`. Raises GainroomError where a robot.yaml could not have it."""
     sections = data if isinstance(data, dict) else {}
-    known = (*KEYS, *WHOLE_SECTIONS, BALANCE)
+    known, kinds = (*KEYS, *WHOLE_SECTIONS, BALANCE, GROUPS), {BALANCE: str, GROUPS: list}
     for name in sections:
         if name not in known:
             raise GainroomError(f"{source}: {dotted(within, name)}: must be one of {', '.join(known)}")
     if (data is not None and not isinstance(data, dict)) or any(
-        not isinstance(each, str if name == BALANCE else dict) for name, each in sections.items()
+        not isinstance(each, kinds.get(name, dict)) for name, each in sections.items()
     ):
         raise GainroomError(f"{source}: {within}: must be sections of a robot.yaml: {', '.join(known)}")
     for name, keys in KEYS.items():
@@ -134,6 +137,8 @@ def without_flag(lost: Mapping[str, Any], given_back: Collection[str]) -> list[s
         "filters": bool({"velocity_filter", "notches"} & control.keys()),
         "that the delay has hold and difference in it": "delay_includes_sampling" in drive,
         "ranges of uncertainty": "uncertainty" in lost,
+        "bounds of recommended gains": "gain_bounds" in lost,
+        "which joints have equal gains": GROUPS in lost,
     }
     return [text for text, there in found.items() if there and text not in given_back]
 
