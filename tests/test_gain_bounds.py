@@ -109,6 +109,17 @@ def test_the_bound_that_limits_is_named_with_what_it_costs(box, objective, limit
         assert f"bound {limit}" in found.held_back_by()
 
 
+@pytest.mark.parametrize("most", [123.4567, 1e7])
+@pytest.mark.parametrize("objective", ["dynamic_stiffness", "largest_kp"])
+def test_where_nothing_else_limits_kp_its_bound_does(objective, most):
+    """A rigid joint without delay takes any gains; as stiff as kp at rest, its link is so at all frequencies where kd damps it."""
+    parts = gr.ElasticJoint(1.0, 1.0, math.inf), gr.Drive(math.inf, 0.9, 0.0)
+    assert gr.recommend_pd(*parts, objective=objective) is None
+    found = gr.recommend_pd(*parts, objective=objective, bounds=gr.GainBounds(kp_max=most))
+    assert found.kp == most
+    assert found.binding == "kp_max"
+
+
 def test_bounds_hold_over_an_uncertainty_too():
     elastic, drive, step = parts_of(*ELBOW)
     uncertain = gr.Uncertainty(delay=(3e-3, 3.5e-3), stiffness=(800.0, 1000.0))

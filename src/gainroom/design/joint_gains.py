@@ -412,10 +412,12 @@ class _JointSearch:
         if low > high:
             return None
         largest = self.largest(self.requirements.asked, self.active, low, high, accuracy=0.001)
-        if math.isinf(largest) and high == self.bounds.kp_max and (found := self.first_allowed(np.array([high]))) is not None:
-            return found  # as the bound is written, in however many digits
-        if math.isinf(largest) and high >= self.active[0].ladder[-1]:
-            return None  # nothing in the model limits kp
+        most = float(self.bounds.kp_max)
+        if math.isinf(largest) and high >= min(most, self.active[0].ladder[-1]):  # nothing in the model limits kp
+            if math.isinf(most):
+                return None
+            if (found := self.first_allowed(np.array([most]))) is not None:
+                return found  # as the bound is written, in however many digits
         kp = rounded_down(min(high, largest))
         if not kp > 0:
             return None
