@@ -88,9 +88,9 @@ def test_no_gains_within_the_bounds_are_better(parts, box, objective):
     ("box", "objective", "limit"),
     [
         ("kp_max", "dynamic_stiffness", "kp_max"),
-        ("kp_min", "dynamic_stiffness", "kp_min"),
+        pytest.param("kp_min", "dynamic_stiffness", "kp_min", marks=pytest.mark.slow),
         ("kd_max", "dynamic_stiffness", "kd_max"),
-        ("kd_min", "dynamic_stiffness", "kd_min"),
+        pytest.param("kd_min", "dynamic_stiffness", "kd_min", marks=pytest.mark.slow),
         ("of no effect", "dynamic_stiffness", "link"),
         ("kp_max", "largest_kp", "kp_max"),
         ("kd_max", "largest_kp", "kd_max"),
@@ -238,12 +238,17 @@ def softness(system, kp, kd):
 
 
 ARM_BOUNDS = [
-    "gain_bounds: {shoulder: {kp_max: 400}}",
     "gain_bounds: {elbow: {kd_max: 12.5}, shoulder: {kd_min: 80}}",
-    "gain_bounds: {default: {kp_max: 700, kd_max: 30}, elbow: {kp_max: 250}}",
-    "gain_bounds: {elbow: {kp_min: 150, kp_max: 150, kd_max: 9}}",
-    "groups: [[shoulder, elbow]]",
     "groups: [['.*']]\ngain_bounds: {shoulder: {kp_max: 333.3}}",
+    *(
+        pytest.param(more, marks=pytest.mark.slow)
+        for more in (
+            "gain_bounds: {shoulder: {kp_max: 400}}",
+            "gain_bounds: {default: {kp_max: 700, kd_max: 30}, elbow: {kp_max: 250}}",
+            "gain_bounds: {elbow: {kp_min: 150, kp_max: 150, kd_max: 9}}",
+            "groups: [[shoulder, elbow]]",
+        )
+    ),
 ]
 
 

@@ -233,18 +233,19 @@ class _JointSearch:
             return None
         nominal = self.margins([NOMINAL], kp, kd)[0]
         case = self.case(place)
+        stiffness = min(self.softness(place, kp, kd) for place in self.checked)
         return Recommendation(
             objective=self.objective,
             kp=kp,
             kd=kd,
-            stiffness=min(self.softness(place, kp, kd) for place in self.checked),
+            stiffness=stiffness,
             controller=self.template.from_plane(kp, kd),
             margins=worst,
             worst=worst_of(self.seen),
             nominal=nominal,
             worst_case={name: value_of(case, name) for name in self.uncertainty.names},
             shortfalls=self.requirements.shortfalls(worst),
-            dropped=lambda: self.costs(kp),
+            dropped=lambda: self.costs(kp, kp if self.objective == "largest_kp" else stiffness),
             certificate=self.certificate(),
             proved=self.proof is None or self.proof.holds,
             reserve=self.reserve,
@@ -311,18 +312,26 @@ class _JointSearch:
                         return kp, kd
         return found.kp, found.kd
 
-    def costs(self, kp: float) -> dict[str, float]:
-        """Largest value of the objective without each requirement and bound in turn, see `Recommendation.costs`."""
-        asked = self.requirements.asked
-        without = {name: (self, [other for other in asked if other != name]) for name in asked}
-        for name in self.bounds.names:
-            freer = copy.copy(self)  # with the same cases and regions
-            freer.bounds = self.bounds.without([name])
-            without[name] = freer, list(asked)
+    def costs(self, kp: float, value: float) -> dict[str, float]:
+        """Largest value of the objective without each requirement and bound in turn, see `Recommendation.costs`; `value` with all."""
+        asked, bounds = self.requirements.asked, self.bounds.names
+        found = {name: self.highest(kp, [other for other in asked if other != name]) for name in asked}
+        free = self.freed(bounds).highest(kp, asked) if len(bounds) > 1 else math.inf
+        alike = free < (1 + COST_ACCURACY) * value  # bounds that cost nothing together cost nothing each
+        return found | {name: free if alike else self.freed([name]).highest(kp, asked) for name in bounds}
+
+    def freed(self, names: Sequence[str]) -> "_JointSearch":
+        """This search, with the same cases and regions, without some of the bounds."""
+        found = copy.copy(self)
+        found.bounds = self.bounds.without(names)
+        return found
+
+    def highest(self, kp: float, names: Sequence[str]) -> float:
+        """Largest value of the objective over the active cases with some of the requirements; `kp` is recommended with all of them."""
         if self.objective == "largest_kp":
-            return {name: search.cost(kp, others, self.active) for name, (search, others) in without.items()}
-        found = {name: search.stiffest_link(others) for name, (search, others) in without.items()}
-        return {name: math.inf if one is None else one.stiffness for name, one in found.items()}
+            return self.cost(kp, names, self.active)
+        found = self.stiffest_link(names)
+        return math.inf if found is None else found.stiffness
 
     def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
         """The largest kp, from the recommended one up, with these requirements and cases alone."""
