@@ -20,7 +20,7 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..native import _core
-from ..system.gain_bounds import GainBounds
+from ..system.gain_bounds import BOUNDS, GainBounds
 from ..system.linear.arrays import Booleans, Floats
 from ..system.system import Objective
 from .margin_slopes import NEAR, GainCase, Gains, Slopes, moved, stiffness
@@ -433,7 +433,8 @@ class _GainSearch:
                 looked_at, to_look = gains, to_look - 1
                 self._anchor(gains, cases)
         first = {j: group[0] for group in groups.values() for j in group}
-        swaying = {j: broken for j in why if (broken := self._broken_by_sway(stiffer(gains, groups[j], RAISE, 0.0, self._cascade)))}
+        kept = [j for j, (name, _) in why.items() if name not in BOUNDS]
+        swaying = {j: broken for j in kept if (broken := self._broken_by_sway(stiffer(gains, groups[j], RAISE, 0.0, self._cascade)))}
         why |= swaying
         names, places = zip(*(why.get(first.get(j, -1), ("", -1)) for j in range(gains.shape[1])), strict=True)
         of_sway = [first.get(j, -1) in swaying for j in range(gains.shape[1])]
