@@ -272,7 +272,11 @@ class _JointSearch:
     def stiffest_link(self, names: Sequence[str]) -> Stiffest | None:
         """Gains with the largest dynamic stiffness over the active cases, under some of the requirements."""
         cases = [self.link(place) for place in self.soft]
-        return stiffest_link(cases, lambda kps: self.allowed(self.active, kps, names, polish=True), self.ladder, self.inertia, self.bounds)
+
+        def allowed(kps: Floats, polish: bool) -> list[Floats]:
+            return self.allowed(self.active, kps, names, polish)
+
+        return stiffest_link(cases, allowed, self.ladder, self.inertia, self.bounds)
 
     def link(self, place: Place) -> LinkCase:
         """Link of the joint at one place in the uncertainty; worked out once."""

@@ -105,8 +105,8 @@ def _parabola(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, F
     return y1 / x1 - bend * x1, bend
 
 
-Allowed = Callable[[Floats], list[Floats]]
-"""kp (m,) → intervals of kd (p, 2) per kp, within the bounds."""
+Allowed = Callable[[Floats, bool], list[Floats]]
+"""kp (m,) → intervals of kd (p, 2) per kp, within the bounds; with ends as good as a grid of frequencies, or (True) polished."""
 
 
 def stiffest_link(
@@ -149,8 +149,15 @@ class _Search:
     bounds: GainBounds
 
     def run(self) -> Stiffest | None:
-        """Gains with the largest stiffness on the frequencies that the cases have now; None where none are allowed."""
-        ladder = self.on_ladder()
+        """Gains with the largest stiffness on the frequencies that the cases have now; None where none are allowed.
+
+        On the ladder what is allowed is as good as a grid of frequencies, and polished where that finds nothing.
+        """
+        return self.best_from(polish=False) or self.best_from(polish=True)
+
+    def best_from(self, polish: bool) -> Stiffest | None:
+        """The same, with a ladder that is polished or not."""
+        ladder = self.on_ladder(polish)
         values = np.array([line.best for line in ladder])
         padded = np.concatenate([[-math.inf], values, [-math.inf]])
         tops = np.flatnonzero(np.isfinite(values) & (values >= padded[:-2]) & (values >= padded[2:]))
@@ -160,10 +167,10 @@ class _Search:
         for top in tops[np.argsort(-values[tops])][:STARTS].tolist():
             low, high = float(self.kps[max(top - 1, 0)]), float(self.kps[min(top + 1, len(self.kps) - 1)])
             if high <= low * (1 + NARROW):  # bounds leave kp no room
-                tried.append(ladder[top])
+                tried += self.on_lines(self.kps[top : top + 1], True)
             while high > low * (1 + NARROW):
                 trials = np.geomspace(low, high, LINES)
-                lines = self.on_lines(trials)
+                lines = self.on_lines(trials, True)
                 tried += lines
                 best = int(np.argmax([line.best for line in lines]))
                 low, high = float(trials[max(best - 1, 0)]), float(trials[min(best + 1, LINES - 1)])
@@ -174,7 +181,7 @@ class _Search:
         k = equal[np.argmin(kd[equal])]
         return Stiffest(float(kp[k]), float(kd[k]), float(value[k]))
 
-    def on_ladder(self) -> "list[_Tried]":
+    def on_ladder(self, polish: bool) -> "list[_Tried]":
         """Gains tried on each line of the ladder: a few first, then those on which the link could be stiffer than the best of these.
 
         At rest the link is no stiffer than kp, so that a line has no more than its kp (more with integral action, up to the gearbox).
@@ -184,15 +191,15 @@ class _Search:
         first = np.arange(len(self.kps)) % FEW == 0
         for lines in (first, ~first):
             some = np.flatnonzero(lines & ((self.kps > best) | integral))
-            for k, line in zip(some.tolist(), self.on_lines(self.kps[some]), strict=True):
+            for k, line in zip(some.tolist(), self.on_lines(self.kps[some], polish), strict=True):
                 found[k], best = line, max(best, line.best)
         return found
 
-    def on_lines(self, kps: Floats) -> "list[_Tried]":
+    def on_lines(self, kps: Floats, polish: bool) -> "list[_Tried]":
         """Gains tried on each line of `kps` (m,), the best kd among them; none where none are allowed."""
         rows = [
             (m, max(low, 0.0), min(high, max(WIDEST * 2 * math.sqrt(kps[m] * self.inertia), 4 * low)))
-            for m, intervals in enumerate(self.allowed(kps))
+            for m, intervals in enumerate(self.allowed(kps, polish))
             for low, high in intervals.tolist()
         ]
         rows = [row for row in rows if row[2] > row[1] or row[2] == row[1] == self.bounds.kd_max]
