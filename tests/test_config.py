@@ -56,7 +56,7 @@ def test_every_key_arrives_in_si():
     assert (spec.drives[0].bandwidth, spec.drives[0].damping_ratio) == (4000.0, 0.8)
     assert spec.drives[0].delay == approx(4.5 / 2000)
     assert spec.control.sample_time == 1 / 2000
-    assert (float(spec.control.controller.kp), float(spec.control.controller.kd), spec.control.feedback) == (1e4, 300.0, "motor")
+    assert (float(spec.control.controller.kp), float(spec.control.controller.kd), str(spec.control.feedback)) == (1e4, 300.0, "motor")
     assert spec.control.controller.velocity_filter.bandwidth == approx(2 * math.pi * 100)
     assert (spec.control.controller.velocity_filter.order, spec.control.controller.velocity_filter.damping_ratio) == (2, 0.7)
     assert [notch.frequency for notch in spec.control.controller.notches] == approx([300.0, 2 * math.pi * 80])

@@ -180,6 +180,7 @@ def test_shapes_that_do_not_fit_are_refused(kernel, arguments):
     [
         (_core.Body, {**BODY, "coordinates": 2}),
         (_core.Control, {**CONTROL, "side": 2}),
+        (_core.Control, {**CONTROL, "velocity": 2}),
         (_core.Hardware, {**HARDWARE, "cells": 0}),
         (_core.recur_late, {**LATE, "whole": np.zeros(1, dtype=np.int64)}),
         (_core.decode, {**DECODING, "first": -1}),

@@ -146,7 +146,7 @@ def test_every_key_arrives_in_si(folder: Path):
     assert_allclose(robot.contacts["two"][0].dampers, [100.0] * 5)
     assert_allclose(robot.contacts["two"][1].springs, [1e4, 1e4, math.inf])
     assert robot.contacts["none"] == ()
-    assert (control.space, control.feedback, control.sample_time) == ("joint", "motor", 1 / 2000)
+    assert (control.space, str(control.feedback), control.sample_time) == ("joint", "motor", 1 / 2000)
     assert_allclose(control.controller.kp, [200, 100, 200, 100])
     assert_allclose(control.controller.kd, 5)
     assert control.controller.velocity_filter.bandwidth == pytest.approx(2 * math.pi * 100)

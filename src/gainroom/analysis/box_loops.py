@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..native import _core
-from ..system.assembly import Feedback, current_loop
+from ..system.assembly import current_loop
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
+from ..system.feedback import GivenFeedback, feedback_of
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import Factored
 from ..system.uncertainty import Uncertainty
@@ -48,9 +49,16 @@ class BoxLoop:
     """One joint's loop over ranges. `names`: the parameters beside the frequency, which is number 0, in the order of the boxes."""
 
     def __init__(
-        self, joint: ElasticJoint, drive: Drive, uncertainty: Uncertainty, controller: Any, feedback: Feedback, sample_time: float | None
+        self,
+        joint: ElasticJoint,
+        drive: Drive,
+        uncertainty: Uncertainty,
+        controller: Any,
+        feedback: GivenFeedback,
+        sample_time: float | None,
     ) -> None:
-        self.feedback, self.sample_time = feedback, sample_time
+        self.feedback, self.sample_time = feedback_of(feedback, controller), sample_time
+        self.feedback.require_one("a bound over ranges")
         values = {name: drive.delay if name == "delay" else getattr(joint, name) for name in QUANTITIES}
         self.viscous = float(joint.motor_viscous), float(joint.link_viscous)
         self.ranges = {name: getattr(uncertainty, name) for name in uncertainty.names}
@@ -69,7 +77,7 @@ class BoxLoop:
         return _core.BoxLoop(
             values=np.array([*(self.nominal[name] for name in QUANTITIES), *self.viscous]),
             columns=np.array(columns),
-            motor_side=self.feedback == "motor",
+            motor_side=self.feedback.motor,
             current_poles=self.currents.poles,
             current_gain=self.currents.gain,
             zeros=self.control.zeros,
@@ -130,7 +138,7 @@ class BoxLoop:
             if held >= 0.9:
                 return math.inf
             above = 1.0 if self.locked else spring
-            if self.feedback == "motor" and not self.locked:
+            if self.feedback.motor and not self.locked:
                 above += (1 + most / light) * math.hypot(1.0, link / (omega * least))
             plant *= above / (1 - held)
         return plant * _beyond(self.currents, omega)

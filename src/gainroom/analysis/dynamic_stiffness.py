@@ -180,7 +180,8 @@ def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
         s = 1j * omega
         fed = links.feedback(s, controller, loop.gain)
         if loop.size == 1:
-            return links.of_one(s, fed[:, 0, 0])[:, None]
+            motors = links.feedback(s, controller, loop.gain, "motor")[:, 0, 0] if links.parts.feedback.mixed else None
+            return links.of_one(s, fed[:, 0, 0], motors)[:, None]
         return np.diagonal(links.at(s, fed), axis1=1, axis2=2)
 
     found = peaks(response, grid)

@@ -74,7 +74,9 @@ class GainPlane:
         grid = [np.geomspace(low, high, max(2, round(POINTS_PER_DECADE * math.log10(high / low))))]
         low = DEEPEST * low  # below the corners integrators dominate: the curve is straight into the origin, and a few points serve
         grid.append(np.geomspace(low, grid[0][0], 110))
-        for root in np.concatenate([a.zeros, a.poles]):  # resonances are sampled on their own scale
+        _, own_a, own_b = _apart(a, b)
+        sharp = np.concatenate([a.zeros, a.poles, own_b.zeros])  # zeros of B alone: of the other encoder's position
+        for root in sharp:  # resonances are sampled on their own scale
             center = _frequency(root, a.sample_time)
             if center > 0 and root.imag > 0:
                 width = max(abs(_damping(root, a.sample_time)), 1e-9 * center)
@@ -83,10 +85,10 @@ class GainPlane:
             count = min(math.ceil((high - low) * a.delay / 0.2), MOST_TURNS)
             grid.append(np.linspace(low, low + 0.2 / a.delay * count, count, endpoint=False))
         omega = distinct(np.concatenate(grid))
-        for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
+        for root in sharp:  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
         omega = omega[(omega >= low) & (omega <= high)]
-        pinches = _pinches(*_apart(a, b)[1:], omega)
+        pinches = _pinches(own_a, own_b, omega)
         steps = np.append(-np.geomspace(1e-2, PINCH, 60), np.geomspace(PINCH, 1e-2, 60))
         around = (pinches[:, None] * (1 + steps)).ravel()
         clear = np.all(np.abs(omega[:, None] - pinches) > PINCH * pinches, axis=1)
@@ -163,7 +165,10 @@ def _together(parts: Iterable[LineCrossings]) -> LineCrossings:
 
 
 def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
-    """Frequencies (p,) [rad/s] at which B/A is real, see GainPlane.pinches, by bisection between samples at `omega`."""
+    """Frequencies (p,) [rad/s] at which B/A is real, see GainPlane.pinches, by bisection between samples at `omega`.
+
+    B/A is of the controller alone, and smooth, or has zeros where the samples are dense.
+    """
 
     def turned(omega: Floats) -> Booleans:
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite
-from ..system.assembly import Feedback, Parts
-from ..system.controller import PD, Controller
+from ..system.assembly import Parts
+from ..system.controller import PD, Controller, Terms
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
-from ..system.jitter_margin import weight
+from ..system.feedback import GivenFeedback
+from ..system.jitter_margin import speed, weight
 from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.linear.state_space import StateSpace
 from ..system.linear.transfer_function import Factored
 from ..system.loop import Loop, build_loop
-from ..system.measured_response import measured_signals
+from ..system.measured_response import Sensed, measured_signals
 from ..system.plant import Plant
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements
@@ -46,7 +47,7 @@ def pd_region(
     gain_margin: float | None = None,
     phase_margin: float | None = None,
     peak_sensitivity: float | None = None,
-    feedback: Feedback = "motor",
+    feedback: GivenFeedback = "motor",
     sample_time: float | None = None,
     controller: Any = None,
     **others: Any,
@@ -60,22 +61,22 @@ def pd_region(
     if not getattr(template, "has_plane", False):
         raise GainroomError(f"pd_region: controller {type(template).__name__} must be a PD, PID or PPI")
     loop = build_loop(joint, drive, template, feedback, sample_time)
-    if loop.actuated is None:
+    actuated = loop.sensed or loop.actuated
+    if actuated is None:
         raise GainroomError(f"pd_region is for one joint, not for {loop.size}")
-    return PDRegion(
-        loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others), loop.unsampled, loop.parts
-    )
+    return PDRegion(actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others), loop.unsampled, loop.parts)
 
 
 @dataclass(frozen=True)
 class PDRegion:
-    """Region of one joint's PD gains, see pd_region. `actuated`: loop without its controller; `template`: gives the controller at (kp, kd).
+    """Region of one joint's PD gains, see pd_region. `template` gives the controller at (kp, kd).
 
+    actuated    loop without its controller: response to the measured position, or those to both where gains measure both sides
     unsampled   `actuated` in continuous time; None where it is not known
     parts       components of the loop, by which its link is known; None where they are not
     """
 
-    actuated: Factored
+    actuated: Factored | Sensed
     template: Controller
     required: Requirements
     unsampled: Factored | None = None
@@ -83,7 +84,13 @@ class PDRegion:
 
     def scalar(self, kp: float, kd: float) -> Factored:
         """Return ratio L at one pair of gains."""
-        return self.actuated * self.template.in_plane(kp, kd, self.actuated.sample_time)
+        return self._returned(self.template.plane_terms(kp, kd))
+
+    def _returned(self, terms: Terms) -> Factored:
+        """Return ratio of `terms` of gains with the filters of `template`."""
+        if isinstance(self.actuated, Sensed):
+            return self.actuated.under(self.template, terms)
+        return self.actuated * self.template.combine(terms, self.actuated.sample_time)
 
     def columns(self, kps: ArrayLike) -> list[Floats]:
         """For each kp (m,): the allowed kd as open intervals (p, 2), sorted; ends may be ±inf."""
@@ -153,11 +160,14 @@ class PDRegion:
         kps, kds = (part.ravel().tolist() for part in np.broadcast_arrays(kp, kd))
         step, loops = self.actuated.sample_time, []
         for gains in zip(kps, kds, strict=True):
-            control = self.template.in_plane(*gains, step)
-            unstable = (self.actuated * control).unstable_poles
             parts = None if self.parts is None else replace(self.parts, controller=self.template.from_plane(*gains))
-            known = {"unsampled": self.unsampled, "parts": parts, "resolution": None if parts is None else parts.resolution}
-            loop = Loop(1, step, self.actuated, control, unstable_poles=unstable, **known)
+            known: dict[str, Any] = {"parts": parts, "resolution": None if parts is None else parts.resolution}
+            if isinstance(self.actuated, Sensed):
+                loop = Loop(1, step, unstable_poles=self.scalar(*gains).unstable_poles, sensed=self.actuated, **known)
+            else:
+                control = self.template.in_plane(*gains, step)
+                unstable = (self.actuated * control).unstable_poles
+                loop = Loop(1, step, self.actuated, control, unstable_poles=unstable, unsampled=self.unsampled, **known)
             loops.append(loop if parts is None else loop.with_signals(self._signals))
         return loops
 
@@ -228,12 +238,14 @@ class PDRegion:
 
     @cached_property
     def _plane(self) -> GainPlane:
-        step = self.actuated.sample_time
-        parts = [self.actuated * self.template.combine(terms, step) for terms in self.template.plane()]
-        return GainPlane.of(*parts)
+        return GainPlane.of(*map(self._returned, self.template.plane()))
 
     def _weight(self, omega: Floats) -> Floats:
         """Weight (k,) of the complementary sensitivity, whose ceiling the jitter margin is."""
+        if isinstance(self.actuated, Sensed):
+            if self.actuated.sample_time is not None:
+                self.actuated.feedback.require_one("the jitter margin of a sampled loop")
+            return speed(omega, None)
         return weight(self.actuated, self.unsampled, omega)
 
     @cached_property

@@ -93,7 +93,7 @@ class Lifted:
         assert path is not None
         assert parts.sample_time is not None
         self.size, self._gain = loop.size, loop.gain
-        self._plant = measured_state(parts, "position")
+        self._plant = measured_state(parts)
         self._steps = steps = parts.sample_time, path.sample_time
         counts = samples_in_common(*steps)
         self.period, self._faster = parts.sample_time * counts[0], int(np.argmin(steps))

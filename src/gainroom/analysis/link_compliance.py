@@ -24,6 +24,7 @@ from ..native import _core
 from ..system.assembly import Parts
 from ..system.controller import Controller
 from ..system.drive import Drive
+from ..system.feedback import Side
 from ..system.linear.arrays import Complexes, Floats, diagonals
 from ..system.loop import Loop
 
@@ -84,12 +85,17 @@ class LinkCompliance:
             found |= {powers: sent * one.signal(powers, s, v, step)[:, None] for powers in one.terms()}
         return found
 
-    def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0) -> Complexes:
-        """Transfer matrix (k, n, n) [N m/rad] at s (k,) from measured position to motor torque; `gain`: a factor on all gains."""
+    def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0, side: Side | None = None) -> Complexes:
+        """Transfer matrix (k, n, n) [N m/rad] at s (k,) from measured position to motor torque; `gain`: a factor on all gains.
+
+        side   the side of the gearbox whose position is meant, with the gains that measure it; None: all gains
+        """
         size = self.parts.plant.size
         terms = controller.matrices(size)
         found = np.zeros((len(s), size, size), dtype=complex)
         for powers, signal in self.signals(s, controller).items():
+            if side not in (None, self.parts.feedback.side_of(powers)):
+                continue
             found += signal[:, :, None] * terms.get(powers, 0.0)
         return gain * found
 
@@ -103,17 +109,23 @@ class LinkCompliance:
         spring = np.where(plant.elastic, plant.stiffness, 1.0) + at * np.where(plant.elastic, plant.damping, 0.0)
         return at * at * plant.motor_inertia + at * plant.motor_viscous, np.where(plant.elastic, 1 / spring, 0.0)
 
-    def stiffness(self, s: Complexes, fed: Complexes) -> Complexes:
-        """Stiffness Y (…, k, n) [N m/rad] of joints whose gains do not couple them, at s (k,); `fed` (…, k, n): diagonal of `feedback`."""
+    def stiffness(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
+        """Stiffness Y (…, k, n) [N m/rad] of joints whose gains do not couple them, at s (k,); `fed` (…, k, n): diagonal of `feedback`.
+
+        motors   E_θ, the part of `fed` by gains that measure the motors, where gains measure both sides
+        """
         motor, soft = self._motors(s)
-        if self.parts.feedback == "link":
+        if self.parts.feedback.link:
             return (motor + fed) / (1 + soft * motor)
+        if self.parts.feedback.mixed:
+            assert motors is not None
+            return (motor + fed) / (1 + soft * (motor + motors))
         return (motor + fed) / (1 + soft * (motor + fed))
 
     def passed(self, s: Complexes, fed: Complexes) -> Complexes:
         """Change of each joint's stiffness per change of its feedback, dY/dE (k, n) at s (k,); `fed` (k, n) as `stiffness` takes it."""
         motor, soft = self._motors(s)
-        return 1 / (1 + soft * motor) if self.parts.feedback == "link" else 1 / (1 + soft * (motor + fed)) ** 2
+        return 1 / (1 + soft * motor) if self.parts.feedback.link else 1 / (1 + soft * (motor + fed)) ** 2
 
     def open(self, s: Complexes) -> tuple[Complexes, Complexes, Complexes]:
         """Motions of the links without gains, at s (k,): C₀ (k, n, n) by loads and ρ, σ (k, n) with which torques τ of the motors act.
@@ -130,16 +142,17 @@ class LinkCompliance:
         motor, soft = self._motors(s)
         whole = fed.astype(complex)
         diagonals(whole)[:] += motor
-        loose = np.zeros_like(whole) if self.parts.feedback == "link" else whole * soft[:, None, :]
-        diagonals(loose)[:] += 1 + (motor * soft if self.parts.feedback == "link" else 0.0)
+        loose = np.zeros_like(whole) if self.parts.feedback.link else whole * soft[:, None, :]
+        diagonals(loose)[:] += 1 + (motor * soft if self.parts.feedback.link else 0.0)
         return np.linalg.solve(loose, whole)
 
-    def of_one(self, s: Complexes, fed: Complexes) -> Complexes:
-        """Compliance C (…, k) [rad/(N m)] of a single joint at s (k,), for any number of gains, `fed` (…, k)."""
+    def of_one(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
+        """Compliance C (…, k) [rad/(N m)] of a single joint at s (k,), for any number of gains; `fed`, `motors` (…, k) as `stiffness`."""
         plant, root = self.parts.plant, self._hung[0]
+        felt = self.stiffness(s, fed[..., None], None if motors is None else motors[..., None])
         if plant.compliance is not None or not root.shape[1]:  # links on springs, or locked
-            return np.array([self.at(s, one[:, None, None])[:, 0, 0] for one in fed.reshape(-1, len(s))]).reshape(fed.shape)
-        load = self.stiffness(s, fed[..., None])[..., 0] + s * plant.link_viscous[0]
+            return np.array([self.on(s, one)[:, 0] for one in felt.reshape(-1, len(s), 1)]).reshape(fed.shape)
+        load = felt[..., 0] + s * plant.link_viscous[0]
         if plant.gravity_stiffness is not None:
             load = load + plant.gravity_stiffness[0, 0]
         return root[0, 0] ** 2 / (s * s + root[0, 0] ** 2 * load) * np.abs(held(s, self.parts.sample_time))

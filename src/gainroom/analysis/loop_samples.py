@@ -260,14 +260,14 @@ def directed_loop(
             np.ascontiguousarray(hung),
             np.zeros((2, 0)) if soft is None else np.array([soft.stiffness, soft.damping]),
             np.array([[drive.bandwidth, drive.damping_ratio, drive.delay] for drive in drives]).T.copy(),
-            loop.parts.feedback == "motor",
+            loop.parts.feedback.motor,
         )
     else:
         if modes is not None:  # by which all is known along the boundary
             held = _core_form(nothing, np.zeros((0, loop.size)), np.zeros((loop.size, 0)))
         else:  # motors' positions as states of their own: as sums of links and twists they lose digits in Hessenberg form
             fraction = split_delay(loop.parts.delays, time)[1]
-            state = hold(measured_state(loop.parts, "position", twists=False), fraction * time, time)
+            state = hold(measured_state(loop.parts, twists=False), fraction * time, time)
             held = _core_form(state.a, state.b, state.c)
         found.set_held(*held, loop.ticks * time, time)
     controller, boundary = loop.parts.controller, Boundary(loop)

@@ -21,6 +21,9 @@ from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCross
 from .multirate import Multirate
 from .stability import scan_loop, unstable_roots
 
+FOLLOWED, DELAY_STEPS = 4, 40  # gain crossings whose delay is followed, and steps for each, each of which gains about four digits
+SAME_DELAY = 1e-12  # relative step that ends them
+DELAY_NUDGE, LEAST_ANGLE = 1e-7, 1e-10  # as in scalar_delay_margin.hpp
 NOTHING, _, HALVED, ENDLESS, FAILED = range(5)  # the values of enum Found in scalar_delay_margin.hpp
 
 
@@ -42,12 +45,17 @@ def margins(loop: Loop) -> Margins:
     if not found.stable:
         with suppress(GainroomError):
             return replace(found, limit=gain_limit(loop))
-    return _with_sampled_delay(loop, found) if loop.sample_time is not None and loop.unsampled is not None and found.stable else found
+    if loop.sample_time is None or not found.stable:
+        return found
+    if loop.sensed is not None:
+        return _with_followed_delay(loop, found)
+    return _with_sampled_delay(loop, found) if loop.unsampled is not None else found
 
 
 def joint_margins(loop: Loop) -> Margins:
     """`margins` of a loop built with build_loop, its phase margin without sign; with largest kp and kd, and a counted limit of one joint.
 
+    Where gains measure both sides of one joint, its largest kp and kd are those of its region of gains (gain_region.py), and None here.
     Raises GainroomError for other loops, and for gains that are all zero.
     """
     require_loop("joint_margins", loop)
@@ -55,9 +63,11 @@ def joint_margins(loop: Loop) -> Margins:
         raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
     if loop.size == 1 and loop.kd_path is None:
         limit, found = gain_limit(loop), margins(loop)
-        gains = one_loop_gains(loop) if found.stable else OneLoop.unknown(1)
-        one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
-        found = replace(found, limit=limit, one_loop=one_loop)
+        if loop.sensed is None:
+            gains = one_loop_gains(loop) if found.stable else OneLoop.unknown(1)
+            one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
+            found = replace(found, one_loop=one_loop)
+        found = replace(found, limit=limit)
     else:
         with computable("joint_margins"):
             found = coupled_margins(loop, largest=True) if loop.kd_path is None else Multirate(loop).margins(largest=True)
@@ -92,6 +102,46 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
     # The delays tried are stable, no more is known: an unstable delay shorter than them would lie near that of the first crossing.
     tried = way == HALVED and extra > found.delay_margin + tick
     return replace(found, delay_margin=extra, delay_crossover=omega, certified=found.certified and not tried)
+
+
+def _with_followed_delay(loop: Loop, found: Margins) -> Margins:
+    """`found` with the extra delay that puts a root of a sampled loop whose gains measure both sides on the boundary.
+
+    The first gain crossings are followed with both plants sampled anew for each delay, and roots are counted on both sides of the one
+    that comes first. Where these do not confirm it, the delay margin counts a fraction of a tick as the phase that it costs, and nothing
+    is certified.
+    """
+    tick = loop.sample_time
+    assert tick is not None
+    crossings = sorted((crossing.delay_margin, crossing.omega) for crossing in found.gain_crossings)
+    near = [each for each in crossings if each[0] <= 1.02 * crossings[0][0] + 0.1 * tick][:FOLLOWED]
+    ends = [end for each in near if (end := _followed_delay(loop, *each)) is not None]
+    if not crossings and abs(loop.response(math.pi / tick)[0]) < 1:
+        return found
+    if ends:
+        extra, omega = min(ends)
+        nudge = DELAY_NUDGE * extra + LEAST_ANGLE / omega
+        if unstable_roots(loop.delayed(extra - nudge)) == 0 < unstable_roots(loop.delayed(extra + nudge)):
+            return replace(found, delay_margin=extra, delay_crossover=omega)
+    return replace(found, certified=False)
+
+
+def _followed_delay(loop: Loop, extra: float, omega: float) -> tuple[float, float] | None:
+    """Extra delay [s] at which a gain crossing near `omega` comes to −1, and its frequency [rad/s]; None where it is lost."""
+    for _ in range(DELAY_STEPS):
+        if not 0 <= extra < math.inf:
+            return None
+        crossings = scan_loop(loop.delayed(extra), with_peaks=False).gains
+        if not len(crossings):
+            return None
+        place, phase = crossings[int(np.argmin(np.abs(crossings[:, 0] - omega)))].tolist()
+        if abs(place - omega) > 0.1 * omega:
+            return None
+        left = float(np.angle(np.exp(1j * (phase - math.pi)))) / place
+        extra, omega = extra + left, place
+        if abs(left) <= SAME_DELAY * extra:
+            return extra, omega
+    return None
 
 
 def margins_from_scan(loop: Loop, scan: Scan) -> Margins:

@@ -76,7 +76,7 @@ class ModalLoop:
         sampled loop or with coupled gains, and controllers that are unstable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
-        if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
+        if parts is None or loop.size == 1 or not parts.feedback.motor or loop.gain <= 0:
             return None
         plant, drives, torque, twofold = parts.plant.modes, parts.drives, None, False
         terms = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..system.assembly import Feedback
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.excluded_sets import ExcludedSet, Segment
+from ..system.feedback import GivenFeedback, feedback_of
 from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.requirements import Requirements
 from ..system.uncertainty import Uncertainty
@@ -53,18 +53,20 @@ def prove(
     uncertainty: Uncertainty,
     controller: Any,
     requirements: Requirements,
-    feedback: Feedback = "motor",
+    feedback: GivenFeedback = "motor",
     sample_time: float | None = None,
     judge: Judge = lambda values: False,
     most: int = 500_000,
 ) -> Proof:
     """Proof that `requirements` hold in all of `uncertainty`; with nothing required, that no root can reach the stability boundary.
 
-    A requirement that gives no excluded set cannot be proved: no box is evaluated then.
+    A requirement that gives no excluded set cannot be proved, nor can loops whose gains measure both sides: no box is evaluated then.
 
     judge  True if the joint with these values (by quantity, SI) breaks a requirement, exactly; called for the nearest to doing so
     most   boxes to evaluate before giving up
     """
+    if feedback_of(feedback, controller).mixed:
+        return Proof(False, 0, False, {})
     loop = BoxLoop(joint, drive, uncertainty, controller, feedback, sample_time)
     shapes = [one.excluded(needed) for one, needed in requirements.asked_for]
     given = [shape for shape in shapes if shape is not None]

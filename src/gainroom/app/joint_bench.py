@@ -98,6 +98,8 @@ class JointBench:
         gain = gain_of(controller, form)
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
+        if (feedback := study.system.control.feedback).mixed:  # which no form has a key for
+            kept += f", measured on {feedback.where}"
         rate = study.system.control.sample_time
         return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate)
 

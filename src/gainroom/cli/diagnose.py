@@ -41,7 +41,7 @@ def diagnose(
     Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
     decides is not known, and the answer names what gives it.
     """
-    from ..errors import GainroomError
+    from ..errors import GainroomError, named
     from ..files.logs import read_joint
 
     described = [one for one in joint or [] if Path(one).suffix.lower() in (".yaml", ".yml")]
@@ -54,10 +54,11 @@ def diagnose(
         from ..files.joint_yaml import load_joint
 
         system = load_joint(Path(described[0]))
+        with named(described[0]):
+            system.control.feedback.require_one("what a recording tells of the loop")
     with progress_bar("diagnose:") as progress:
         logged = read_joint(call.file, call.options(), progress)
     with report_stream(report) as page:
-        from ..errors import named
         from ..report.diagnosis_text import DiagnosisPresentation
         from ..studies.diagnosis import diagnose as study
 

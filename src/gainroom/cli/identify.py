@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import GainroomError, require_positive
+from ..errors import GainroomError, named, require_positive
 from .identify_plan import plan
 from .log_options import LogCall
 from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, text_output, typed_command, with_options
@@ -227,7 +227,6 @@ def joint_of_log(call: LogCall, report: Path | None) -> Iterator[tuple["LoggedJo
 
     Raises GainroomError; what is raised inside names the log.
     """
-    from ..errors import named
     from ..files.logs import read_joint
     from ..identification.contradictions import require_consistent
 
@@ -298,6 +297,8 @@ def _asked(text: str | None, gear_ratio: float | None) -> tuple[dict[str, float]
 
         system = load_joint(Path(text))
         controller = system.control.controller
+        with named(text):
+            system.control.feedback.require_one("the comparison with gains of a log, which are of one position,")
         if not controller.has_plane:
             raise GainroomError(f"{text}: control.type: its gains have no kp and kd to compare with")
         return dict(zip(GAINS, map(float, controller.plane_gains()), strict=True)), gear_ratio or system.entered.get("gear_ratio")

@@ -161,7 +161,7 @@ class DirectedCompliance:
         """Compliance of each joint `held` at rest, the others locked."""
         joints, parts = np.flatnonzero(held), self._links.parts
         own = 1 / gains[0, joints]
-        yielding = parts.plant.elastic[joints] & (parts.feedback == "motor")
+        yielding = parts.plant.elastic[joints] & parts.feedback.motor
         springs = np.where(yielding, 1 / parts.plant.stiffness[joints], 0.0)
         slope = np.zeros((len(joints), 2, gains.shape[1]))
         slope[np.arange(len(joints)), 0, joints] = -own / (own + springs)
@@ -245,7 +245,7 @@ class DirectedCompliance:
         by_motors = share[:, :, None] * torque
         hold = np.abs(held(s, step))[:, None, None]
         b = seen @ by_motors
-        if parts.feedback == "link":
+        if parts.feedback.link:
             return _Open(omega, signals, sent, a, b, b / hold, a)
         turned = (self._jacobian * share[:, None, :]) @ loads
         loop = (turned @ by_motors) / hold + self._jacobian @ (own[:, :, None] * torque)
@@ -306,7 +306,7 @@ class DirectedCompliance:
         if not plant.elastic.any():
             return np.zeros(0)
         form = plant.mechanism()
-        seen = self._jacobian @ (form.link_position if self._links.parts.feedback == "link" else form.motor_position)
+        seen = self._jacobian @ (form.link_position if self._links.parts.feedback.link else form.motor_position)
         _, sizes, turn = np.linalg.svd(seen)
         rest = turn[int(np.count_nonzero(sizes > IMMOBILE * sizes.max(initial=0.0))) :].T
         found = [undamped(form.mass, form.stiffness)[0], undamped(rest.T @ form.mass @ rest, rest.T @ form.stiffness @ rest)[0]]

@@ -23,11 +23,11 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_from_scan
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
-from ..system.assembly import Feedback
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.excluded_sets import ROUND_OFF
+from ..system.feedback import GivenFeedback, feedback_of
 from ..system.gain_bounds import BOUNDS, GainBounds
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop, build_loop
@@ -131,7 +131,7 @@ def recommend_pd(
     drive: Drive,
     requirements: Requirements | None = None,
     uncertainty: Uncertainty | None = None,
-    feedback: Feedback = "motor",
+    feedback: GivenFeedback = "motor",
     sample_time: float | None = None,
     controller: Any = None,
     objective: Objective = "dynamic_stiffness",
@@ -165,7 +165,7 @@ class _JointSearch:
         drive: Drive,
         requirements: Requirements,
         uncertainty: Uncertainty,
-        feedback: Feedback,
+        feedback: GivenFeedback,
         sample_time: float | None,
         template: Any,
         objective: Objective,
@@ -174,7 +174,7 @@ class _JointSearch:
         self.objective: Objective = objective
         self.bounds = bounds
         self.joint, self.drive, self.requirements, self.uncertainty = joint, drive, requirements, uncertainty
-        self.feedback: Feedback = feedback
+        self.feedback = feedback_of(feedback, template)
         self.sample_time, self.template = sample_time, template
         self.reserve = RESERVE if self.uncertainty.names else 0.0
         self.proof: Proof | None = None
@@ -363,7 +363,8 @@ class _JointSearch:
                 self.plants[place] = build_loop(*self.case(place), self.template, self.feedback, self.sample_time)
             plant = self.plants[place]
             assert plant.parts is not None
-            loops.append(replace(plant, control=control, parts=replace(plant.parts, controller=controller)))
+            parts = replace(plant.parts, controller=controller)
+            loops.append(replace(plant, parts=parts) if plant.sensed else replace(plant, control=control, parts=parts))
         if not all(one.in_closed_form(needed) for one, needed in self.requirements.asked_for):  # it may be of any margin there is
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         return [margins_from_scan(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]

@@ -15,7 +15,7 @@ from ..analysis.dynamic_stiffness import FASTEST, stiffness_of
 from ..analysis.link_compliance import LinkCompliance
 from ..system.controller import Controller
 from ..system.gain_bounds import GainBounds
-from ..system.linear.arrays import Floats, distinct
+from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 
 PER_DECADE = 50  # frequencies per decade: a peak of damping ratio 0.1 is then known to 0.3 % by a parabola
@@ -87,7 +87,7 @@ class LinkCase:
     def stiffness(self, kp: Floats, kd: Floats) -> Floats:
         """Dynamic stiffness (g,) [N m/rad] at gains (g,): 1/peak by a parabola through the highest sample of ln |C| and its neighbours."""
         fed = kp[:, None] * self._fed[:, 0] + kd[:, None] * self._fed[:, 1]
-        heights = np.abs(self.links.of_one(self._s, fed))
+        heights = np.abs(self.links.of_one(self._s, fed, self._by_motors(kp, kd)))
         top = heights.argmax(axis=1)
         inner = (top > 0) & (top < len(self._omega) - 1)
         rows, at = np.arange(len(kp)), np.clip(top, 1, len(self._omega) - 2)
@@ -97,6 +97,13 @@ class LinkCase:
         rise = np.where(inner & (bend < 0), -(slope**2) / (4 * np.minimum(bend, -1e-300)), 0.0)
         found = 1 / (heights[rows, top] * np.exp(np.clip(rise, 0.0, 1.0)))
         return found if self.integral else np.minimum(found, kp)  # at rest, which may be slower than every frequency here
+
+    def _by_motors(self, kp: Floats, kd: Floats) -> Complexes | None:
+        """Part (g, k) of the feedback by gains that measure the motor, where gains (g,) measure both sides; None elsewhere."""
+        feedback = self.links.parts.feedback
+        if not feedback.mixed:
+            return None
+        return kp[:, None] * self._fed[:, 0] if feedback.position == "motor" else kd[:, None] * self._fed[:, 1]
 
 
 def _parabola(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..system.controller import PD
 from ..system.elastic_joint import ElasticJoint
+from ..system.feedback import Feedback
 from ..system.gain_bounds import GainBounds
 from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import Plant
@@ -73,11 +74,11 @@ class Beginning:
         return self.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
 
 
-def joints_that_move(model: Plant, feedback: str) -> Booleans:
+def joints_that_move(model: Plant, feedback: Feedback) -> Booleans:
     """Mask (n,), False for joints whose gains act on no motion: contacts hold the link, with a rigid gearbox or a link-side encoder."""
     own = np.diagonal(model.link_inverse_inertia)
     free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
-    return free if feedback == "link" else free | model.elastic
+    return free if feedback.link else free | model.elastic
 
 
 def link_inertia(model: "RobotModel") -> Floats:

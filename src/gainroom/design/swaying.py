@@ -74,7 +74,7 @@ class Swaying:
         found = swaying(modes, self._limit)
         kp, kd = gains[:2]
         stiffness = self._motion.model.stiffness
-        part = np.ones(len(kp)) if self._feedback == "link" else np.divide(1.0, 1.0 + kp / stiffness)
+        part = np.ones(len(kp)) if self._feedback.link else np.divide(1.0, 1.0 + kp / stiffness)
         rate = np.divide(kd, kp, out=np.zeros(len(kp)), where=kp > 0)
         own = part * (rate - self._lag)
         frequency = np.array([one.frequency for one in found])

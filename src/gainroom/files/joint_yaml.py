@@ -4,19 +4,21 @@ Everything is SI and radians except where a key's name carries another unit (del
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, SerializeAsAny
+from pydantic import Field, SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
 
 from ..errors import GainroomError, Together, named
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, made_when_read, partly
+from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Refusals, made_when_read, partly, refusal, relation
 from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, GainKey
 from ..system.elastic_joint import ElasticJoint
+from ..system.feedback import Feedback, feedback_of
 from ..system.gain_bounds import GainBounds
 from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
@@ -133,8 +135,36 @@ class JointSection(GearboxSection):
         return ElasticJoint(motor_inertia=self.inertia(), **self.model_dump(exclude={*MOTOR}, exclude_none=True))
 
 
+def _one_side_or_more(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
+    return value if isinstance(value, dict) else handler(value)  # a mapping is judged with the type, whose gains it names
+
+
 class JointControlSection(ControlSection):
     """Section `control` of one joint."""
+
+    feedback: Annotated[Literal["motor", "link"], WrapValidator(_one_side_or_more)] = Field(
+        description="the side of the gearbox that the encoder is on, motor or link; or a side per gain, such as {kp: link, kd: motor}"
+    )
+
+    @relation
+    def _sides_of_the_gains(self) -> Refusals:
+        if not isinstance(self.feedback, dict):
+            return
+        try:
+            both = feedback_of(self.feedback, CONTROLLERS[self.type]).mixed
+        except GainroomError as error:
+            for problem in error.problems:
+                place, message = re.split(r": | (?=is missing)", problem, maxsplit=1)
+                yield refusal(message, key=place)
+            return
+        if both and self.kd_path is not None:
+            yield refusal("is not for gains that measure both sides: give feedback: motor or link", key="kd_path")
+
+    @property
+    def encoders(self) -> Feedback:
+        """Side that each gain measures. Raises UnjudgedError where the section is wrong."""
+        self.require_right()
+        return feedback_of(self.feedback, CONTROLLERS[self.type])
 
     @property
     def asks(self) -> bool:
@@ -188,7 +218,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 joint=joint(),
                 drive=replace(drive(), resolution=self._resolution),
                 controller=controller(),
-                feedback=self.control.feedback,
+                feedback=self.control.encoders,
                 sample_time=sample_time(),
                 requirements=self._requirements(),
                 uncertainty=uncertainty(),
@@ -203,10 +233,11 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
 
     @property
     def _resolution(self) -> float:
-        """Step of the encoder that the loop is closed with [rad]: the drive's, else the scenario's; 0: not known."""
+        """Step of the encoder that the loop is closed with [rad]: the drive's, else the scenario's; 0: not known, or two that differ."""
         if self.drive.encoder_resolution or self.scenario is None:
             return self.drive.encoder_resolution
-        return self.scenario.motor_resolution if self.control.feedback == "motor" else self.scenario.link_resolution
+        steps = {getattr(self.scenario, f"{side}_resolution") for side in self.control.encoders.sides}
+        return steps.pop() if len(steps) == 1 else 0.0
 
     def _requirements(self) -> Requirements:
         """Requirements of the file; without limits also on torque noise, where resolution, rate and peak torque are known."""

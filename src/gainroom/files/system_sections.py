@@ -27,6 +27,7 @@ from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, Controller, GainKey
 from ..system.drive import Drive
+from ..system.feedback import MISFIT
 from ..system.filters import LowPass, Notch
 from ..system.gain_bounds import BOUNDS
 from ..system.gain_path import GainPath, samples_in_common
@@ -213,6 +214,16 @@ class GainPathSection(Section):
         return GainPath(delay=1e-3 * self.delay_ms, sample_time=1 / self.sample_rate_hz)
 
 
+def _one_side(value: object) -> object:
+    """`value` unless it is a side per gain, which only a single joint has."""
+    if isinstance(value, dict):
+        raise refusal(f"{shown(value)} must be motor or link: {MISFIT}")
+    return value
+
+
+OneSide = Annotated[Literal["motor", "link"], BeforeValidator(_one_side)]
+
+
 class ControlSection(Section):
     """Section `control`: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
@@ -220,7 +231,7 @@ class ControlSection(Section):
     """Allowed values of a gain, for messages."""
 
     type: str = Field(description="the kind of controller")
-    feedback: Literal["motor", "link"] = Field(description="the side of the gearbox that the encoder is on, motor or link")
+    feedback: OneSide = Field(description="the side of the gearbox that the encoder is on, motor or link")
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None
     notches: list[NotchSection] = Field([], max_length=20)

@@ -143,9 +143,9 @@ class Body:
     def coordinates(self) -> int: ...
 
 class Control:
-    """Control law of testbed.hpp."""
+    """Control law of testbed.hpp; velocity None: made from what `side` measures."""
 
-    def __init__(self, a: Floats, b: Floats, c: Floats, d: Floats, side: int) -> None: ...
+    def __init__(self, a: Floats, b: Floats, c: Floats, d: Floats, side: int, velocity: int | None = None) -> None: ...
 
 class Hardware:
     """Hardware of testbed.hpp; laws (2, 5), gravity (2,), resolution (2,)."""

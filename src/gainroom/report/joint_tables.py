@@ -341,7 +341,7 @@ def machine(system: System) -> list[tuple[str, str]]:
         ("anti-resonance, resonance", f"{frequency(joint.antiresonance)}, {frequency(joint.resonance)}" if elastic else "none"),
         ("current loop", ideal),
         ("delay, target to demand torque", _delay(system)),
-        ("encoder", f"{system.control.feedback} side of the gearbox"),
+        ("encoder", system.control.feedback.place),
     ]
 
 

@@ -202,7 +202,7 @@ def warnings(study: "JointStudy") -> tuple[str, ...]:
         texts.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
     if study.system.rate_is_missing and study.at_usual_rate is None:
         texts.append(CONTINUOUS)
-    if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
+    if control.feedback.link and joint.damping == 0 and not math.isinf(joint.stiffness):
         texts.append(undamped_link_feedback(study, "this joint"))
     if study.recommended is None and math.isinf(study.max_kp) and not study.prevented_by:
         texts.append(nothing_limits())

@@ -254,7 +254,7 @@ def _undamped(study: "RobotStudy") -> list[str]:
     actuators = study.system.source.actuators
     if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):
         return []
-    if study.system.control.feedback == "link":
+    if study.system.control.feedback.link:
         return [undamped_link_feedback(study, "the robot")]
     if any(not state.limit.stable and state.limit.gain == 0 for state in study.states):
         return [

@@ -411,6 +411,12 @@ def _of_links(outcome: Outcome) -> str:
     return "Overshoot: of the link over where it comes to rest, about which it also has to stay within 2 % to be settled. "
 
 
+def _fed_back(outcome: Outcome) -> str:
+    """Statement of the side that the controller measures."""
+    feedback = outcome.spec.system.control.feedback
+    return f"{feedback.where} {'are' if feedback.mixed else 'is'} fed back"
+
+
 def _whose_position(outcome: Outcome) -> str:
     """Sentence that names the side, link or motor, whose position the figures of the channels show."""
     if len(outcome.run.joint_names) == 1:
@@ -478,7 +484,7 @@ def in_time(outcome: Outcome) -> Html:
     what = most if len(outcome.leading) > len(chosen) else "Moving channels" if moving else "All channels"
     caption = (
         f"{what}; all curves start at 0. {_whose_position(outcome)}Error: commanded minus actual position"
-        f"{'' if len(run.joint_names) == 1 else f' on the {run.feedback} side'}; the {run.feedback} side is fed back. Torque at "
+        f"{'' if len(run.joint_names) == 1 else f' on the {run.feedback} side'}; {_fed_back(outcome)}. Torque at "
         "the ticks, of the joints with the largest. "
         + (BAND if band else "")
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")

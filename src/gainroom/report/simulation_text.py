@@ -405,7 +405,9 @@ class SimulationPresentation(Presentation):
         outcome, run = self.outcome, self.outcome.run
         rows = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
         columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *tracking_headings(outcome)))]
-        title = f"Tracking ({outcome.spec.kind}, {digits(1 / run.sample_time, 'Hz')}, encoders on the {run.feedback} side)"
+        title = (
+            f"Tracking ({outcome.spec.kind}, {digits(1 / run.sample_time, 'Hz')}, encoders on {outcome.spec.system.control.feedback.where})"
+        )
         doubts, others = warned_first(warnings(outcome), verbose)
         yield [
             *doubts,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..system.assembly import Feedback
 from ..system.controller import Controller, gain_matrix
+from ..system.feedback import Feedback
 from ..system.linear.arrays import Floats
 from .contact import free_motion
 from .model import RobotModel
@@ -76,7 +76,7 @@ class SlowMotion:
         size, motors = self.model.size, np.diag(self.model.motor_inertia)
         joints = self.motion[len(self.model.inertia) - size :]
         held = gain_matrix("kp", controller.terms().get((0, 0), 0.0), size)
-        if feedback == "motor":
+        if feedback.motor:
             held = np.linalg.solve(np.eye(size) + held / self.model.stiffness, held)
         squares, vectors = np.linalg.eig(np.linalg.solve(np.eye(size) + self.links @ motors, self.links @ held))
         found = []

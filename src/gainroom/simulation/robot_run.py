@@ -174,7 +174,7 @@ class RobotStepper:
     def tick(self, offset: Floats) -> tuple[Floats, ...]:
         """Advance by one tick of the controller; returns the columns of `_run`."""
         data, robot, model = self.data, self.robot, self.robot.model
-        positions = (robot.motor_position if self.setup.control.feedback == "motor" else robot.link_position)(data.qpos)
+        positions = (robot.motor_position if self.setup.control.feedback.motor else robot.link_position)(data.qpos)
         target, reference, measured = self.control.tick(self.read(positions), offset)
         before = data.qpos.copy(), data.qvel.copy(), reference, measured, target, self.line.torque
         means = self.line.tick(target)
@@ -207,7 +207,7 @@ class RobotStepper:
             joint_torque=robot.joint_torque(qpos, qvel),
             base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
             sample_time=setup.sample_time,
-            feedback=setup.control.feedback,
+            feedback=setup.control.feedback.position,
             joint_names=setup.body.joint_names,
         )
 

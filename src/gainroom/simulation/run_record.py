@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from ..errors import GainroomError
-from ..system.assembly import Feedback
+from ..system.feedback import Side
 from ..system.linear.arrays import Floats
 
 OVERFLOWING = 1e150  # states beyond are about to overflow
@@ -34,7 +34,7 @@ class Run:
     actual_torque    (k, n) output of the current loop [N m]
     joint_torque     (k, n) through the gearboxes [N m], NaN for rigid joints; None: not recorded
     sample_time      [s]
-    feedback         the side that the controller measures, "motor" or "link"
+    feedback         the side that the controller measures, "motor" or "link"; of both that of its position gains
     joint_names, channels   (n,) and (m,) names
     ending           "completed" (or not yet ended), "diverged" or "fell"
     ended_at, reason   time [s] and reason of an early end; None and "" otherwise
@@ -51,7 +51,7 @@ class Run:
     demand_torque: Floats
     actual_torque: Floats
     sample_time: float
-    feedback: Feedback
+    feedback: Side
     joint_names: tuple[str, ...]
     channels: tuple[str, ...]
     joint_torque: Floats | None = None

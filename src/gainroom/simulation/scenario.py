@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
+from ..system.feedback import Feedback, Side
 from ..system.linear.arrays import Floats
 from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
@@ -84,7 +85,7 @@ class Inputs:
     reference   compared with the measured position by position gains [rad]
     motion      compared with the measured position by the controller's differences [rad]
     feedforward, motor_torque, link_torque   [N m]
-    noise       added to the measured position [rad]
+    noise       (k, n) added to the measured position [rad]; where gains of one joint measure both sides (k, 2), of position and velocity
     """
 
     reference: Floats
@@ -93,6 +94,12 @@ class Inputs:
     motor_torque: Floats
     link_torque: Floats
     noise: Floats
+
+
+def noise_by_side(noise: Floats, feedback: Feedback) -> dict[Side, Floats]:
+    """Noise (k, n) of each encoder that gains measure, from `noise` of Inputs."""
+    size = noise.shape[1] // len(feedback.sides)
+    return {feedback.position: noise[:, :size], feedback.velocity: noise[:, -size:]}
 
 
 class ScenarioInputs:
@@ -115,6 +122,7 @@ class ScenarioInputs:
         self._follows = loop.parts.controller.rate_of_error if follows is None else follows
         self._random = np.random.default_rng([scenario.seed, 0])
         self._noise = self._per_joint("noise", scenario.noise)
+        self._encoders = len(loop.parts.feedback.sides)
 
     def start(self) -> Floats:
         """Initial coordinates η of the plant, then their rates (plant.mechanism).
@@ -141,7 +149,9 @@ class ScenarioInputs:
         scenario = self.scenario
         reference = self._at(scenario.reference, "reference", first, count)
         torques = {name: self._at(getattr(scenario, name), name, first, count) for name in ("feedforward", "motor_torque", "link_torque")}
-        noise = self._noise * self._random.standard_normal((count, self.size)) if self._noise.any() else np.zeros((count, self.size))
+        noise = np.zeros((count, self.size * self._encoders))
+        if self._noise.any():
+            noise = np.tile(self._noise, self._encoders) * self._random.standard_normal(noise.shape)
         # Differences of a constant are zero: taking the past off leaves the velocity, and filters that start empty are at rest.
         motion = reference - self.before if self._follows else np.zeros_like(reference)
         return Inputs(reference, motion, noise=noise, **torques)

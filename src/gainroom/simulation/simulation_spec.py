@@ -186,7 +186,7 @@ class JointSimulation(SimulationSpec):
             raise GainroomError(NO_RATE)
         refuse_odd_run(scenario.duration, sample_time, MOST_TICKS)
         frictions = [value for value in hardware.values() if isinstance(value, Friction)]
-        noise, step = float(scenario.noise), float(hardware.get(f"{feedback}_resolution", 0.0))
+        noise, step = float(scenario.noise), max(float(hardware.get(f"{side}_resolution", 0.0)) for side in feedback.sides)
         linear = all(isinstance(value, Friction) and value.is_viscous for value in hardware.values())
         there = {
             "friction": not all(friction.is_viscous for friction in frictions),

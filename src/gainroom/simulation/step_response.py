@@ -21,6 +21,7 @@ from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..native import _core
 from ..system.assembly import actuated_state, controller_state
+from ..system.feedback import SIDES
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.state_space import StateSpace, hold
 from ..system.loop import Loop
@@ -112,7 +113,7 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
         moved, pushed = (_undelayed(system, entry, step, count, loop.sample_time) for entry in (command, load))
         time, change = step * np.arange(count + 1), 0.0
     else:
-        delay, side = float(delays[delays > 0].min()), 0 if loop.parts.feedback == "motor" else 1
+        delay, side = float(delays[delays > 0].min()), SIDES.index(loop.parts.feedback.position)
         late = max(8, math.ceil(delay * fastest / LARGEST_TURN))
         steps = min(math.ceil(end / delay), MOST_STEPS // late + 1) * late
         moved, change = _delayed(system, command, delays, delay / late, steps), math.inf
@@ -140,9 +141,9 @@ def _responding(loop: Loop, part: LoopPart) -> StateSpace:
     torques[2 * size :, size] = part.left
     motors, links, rate = np.eye(size, 5 * size), np.eye(size, 5 * size, size), 2 * size
     # What velocity is made from: itself in continuous time, in sampled time the position, which the controller differences.
-    read = motors if parts.feedback == "motor" else links
+    read, moved = (motors if side == "motor" else links for side in (parts.feedback.position, parts.feedback.velocity))
     own_sides = [part.right @ motors, part.right @ links]
-    signals = np.vstack([read, np.roll(read, 0 if step is not None else rate, axis=1), *own_sides])
+    signals = np.vstack([read, np.roll(moved, 0 if step is not None else rate, axis=1), *own_sides])
     body = StateSpace.gain(signals) @ actuated_state(parts.plant, parts.drives, twists=True) @ StateSpace.gain(torques)
     if step is not None:
         body = hold(body, np.append(parts.delays, 0.0), step)

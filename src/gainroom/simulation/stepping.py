@@ -13,11 +13,12 @@ import numpy as np
 
 from ..native import _core
 from ..system.assembly import actuated_state, controller_state
+from ..system.feedback import SIDES, Feedback
 from ..system.linear.arrays import Floats
 from ..system.linear.state_space import StateSpace, hold, split_delay
 from ..system.loop import Loop
 from .run_record import OVERFLOWING, Run
-from .scenario import Inputs, ScenarioInputs
+from .scenario import Inputs, ScenarioInputs, noise_by_side
 
 
 class LinearStepper:
@@ -32,7 +33,8 @@ class LinearStepper:
         body = hold(actuated_state(parts.plant, parts.drives), np.concatenate([delays, np.zeros(2 * size)]), step)
         control = controller_state(parts.controller, size, step)
         control = StateSpace(control.a, control.b, loop.gain * control.c, loop.gain * control.d)
-        self._system = _closed(body, control, parts.feedback, size)
+        self._sides = _sides(parts.feedback, size)
+        self._system = _closed(body, control, *self._sides, size)
         self._transition = np.eye(len(self._system.a)) + step * self._system.a
         self._entry = step * self._system.b
         self.ideal = np.array([drive.is_ideal for drive in parts.drives])
@@ -49,12 +51,11 @@ class LinearStepper:
         assert self.loop.parts is not None
         assert self.loop.sample_time is not None
         if self._offset is None:  # the difference's first past is the first reading
-            side = slice(0, self.size) if self.loop.parts.feedback == "motor" else slice(self.size, 2 * self.size)
-            self._offset = (self._system.c @ self._state)[side] + inputs.noise[0]
+            self._offset = (self._system.c @ self._state)[self._sides[1]] + inputs.noise[0, -self.size :]
         entering = np.hstack(
             [
-                inputs.reference - inputs.noise,
-                inputs.motion - inputs.noise + self._offset,
+                inputs.reference - inputs.noise[:, : self.size],
+                inputs.motion - inputs.noise[:, -self.size :] + self._offset,
                 inputs.feedforward,
                 inputs.motor_torque,
                 inputs.link_torque,
@@ -74,21 +75,21 @@ class LinearStepper:
         output = states @ self._system.c.T + entering[:count] @ self._system.d.T
         motor, link, actual, target = (output[:, k * size : (k + 1) * size] for k in (0, 1, 4, 5))
         demand = self._delayed(target)
-        noise = inputs.noise[:count]
-        readings = (motor + noise, link) if parts.feedback == "motor" else (motor, link + noise)
+        noises = noise_by_side(inputs.noise[:count], parts.feedback)
+        motors, links = (position + noises.get(side, 0.0) for side, position in zip(SIDES, (motor, link), strict=True))
         return Run(
             time=step * (first + np.arange(count)),
             reference=inputs.reference[:count],
-            measured=readings[0 if parts.feedback == "motor" else 1],
+            measured=motors if parts.feedback.position == "motor" else links,
             motor_position=motor,
             link_position=link,
-            motor_reading=readings[0],
-            link_reading=readings[1],
+            motor_reading=motors,
+            link_reading=links,
             target_torque=target,
             demand_torque=demand,
             actual_torque=np.where(self.ideal, demand, actual),
             sample_time=step,
-            feedback=parts.feedback,
+            feedback=parts.feedback.position,
             joint_names=parts.plant.joint_names,
             channels=parts.plant.joint_names,
         )
@@ -101,22 +102,28 @@ class LinearStepper:
         return np.column_stack([history[longest - late : len(history) - late, joint] for joint, late in enumerate(self.late)])
 
 
-def _closed(body: StateSpace, control: StateSpace, feedback: str, size: int) -> StateSpace:
-    """State space of the closed loop.
+def _sides(feedback: Feedback, size: int) -> tuple[slice, slice]:
+    """Rows among the outputs of actuated_state of what position gains measure, and of what velocity is made from."""
+    first, second = (size * SIDES.index(side) for side in (feedback.position, feedback.velocity))
+    return slice(first, first + size), slice(second, second + size)
+
+
+def _closed(body: StateSpace, control: StateSpace, position: slice, velocity: slice, size: int) -> StateSpace:
+    """State space of the closed loop, which measures these rows of the body's outputs.
 
     Inputs (5n): values that position gains act on and that velocity is made from, both without the measurement; torque added to the target;
     torques on motors and links. Outputs (6n): those of actuated_state, then the target torque. The body's states come first.
     """
-    measured = body.c[:size] if feedback == "motor" else body.c[size : 2 * size]
+    measured = np.vstack([body.c[position], body.c[velocity]])
     nothing = np.zeros((size, size))
-    # target = C x_c + D (signals − [x; x]) + feedforward
-    target_state = np.hstack([-control.d @ np.vstack([measured, measured]), control.c])
+    # target = C x_c + D (signals − measured) + feedforward
+    target_state = np.hstack([-control.d @ measured, control.c])
     target_input = np.hstack([control.d, np.eye(size), nothing, nothing])
     torques = np.zeros((2 * size, 5 * size))
     torques[:, 3 * size :] = np.eye(2 * size)
     to_body_input = np.vstack([target_input, torques])
     body_a = np.hstack([body.a, np.zeros((len(body.a), len(control.a)))]) + body.b[:, :size] @ target_state
-    control_a = np.hstack([-control.b @ np.vstack([measured, measured]), control.a])
+    control_a = np.hstack([-control.b @ measured, control.a])
     signals = np.eye(2 * size, 5 * size)
     # Behind an ideal current loop the actual torque is the demanded one, which the delay makes; it has no row here.
     c = np.vstack([np.hstack([body.c, np.zeros((len(body.c), len(control.a)))]), target_state])

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..native import _core
-from ..system.assembly import Feedback, actuated_state, controller_state
+from ..system.assembly import actuated_state, controller_state
+from ..system.feedback import SIDES
 from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
 from .run_record import Run
-from .scenario import Inputs, ScenarioInputs
+from .scenario import Inputs, ScenarioInputs, noise_by_side
 from .testbed import Testbed
 
 
@@ -25,7 +26,7 @@ class TestbedStepper:
         assert loop.parts is not None
         assert loop.sample_time is not None
         self.testbed, self.sample_time = testbed, loop.sample_time
-        self.feedback: Feedback = loop.parts.feedback
+        self.feedback = loop.parts.feedback
         self.joint_names = loop.parts.plant.joint_names
         self._delays = np.random.default_rng([signals.scenario.seed, 1])
         body, back = _body(testbed)
@@ -40,7 +41,8 @@ class TestbedStepper:
         """Run over the next ticks, numbered from `first`; rows after the first out of bounds are left out."""
         count = len(inputs.reference)
         nothing = np.zeros(count)
-        noises = (inputs.noise[:, 0], nothing) if self.feedback == "motor" else (nothing, inputs.noise[:, 0])
+        known = noise_by_side(inputs.noise, self.feedback)
+        noises = [known[side][:, 0] if side in known else nothing for side in SIDES]
         columns = (inputs.reference, inputs.motion, inputs.feedforward, inputs.motor_torque, inputs.link_torque)
         given = np.column_stack([*(column[:, 0] for column in columns), *noises])
         out = self._bed.advance(given, *self._drawn(count))
@@ -49,7 +51,7 @@ class TestbedStepper:
         return Run(
             time=self.sample_time * (first + np.arange(made)),
             reference=inputs.reference[:made],
-            measured=rows[2 if self.feedback == "motor" else 3],
+            measured=rows[2 + SIDES.index(self.feedback.position)],
             motor_position=rows[0],
             link_position=rows[1],
             motor_reading=rows[2],
@@ -58,7 +60,7 @@ class TestbedStepper:
             demand_torque=rows[5],
             actual_torque=rows[6],
             sample_time=self.sample_time,
-            feedback=self.feedback,
+            feedback=self.feedback.position,
             joint_names=self.joint_names,
             channels=self.joint_names,
         )
@@ -104,8 +106,8 @@ def _control(loop: Loop) -> _core.Control:
     assert loop.sample_time is not None
     state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
     transition = np.eye(len(state.a)) + loop.sample_time * state.a
-    side = 0 if loop.parts.feedback == "motor" else 1
-    return _core.Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side)
+    side, *apart = (SIDES.index(one) for one in dict.fromkeys((loop.parts.feedback.position, loop.parts.feedback.velocity)))
+    return _core.Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side, *apart)
 
 
 def _hardware(testbed: Testbed, limit: float) -> _core.Hardware:

@@ -119,8 +119,10 @@ class Diagnosis:
 def diagnose(record: Record, system: System | None = None) -> Diagnosis:
     """Diagnosis of `record`; `system`: of its joint.yaml, one joint, whose loop runs at its own rate, or otherwise at the log's.
 
-    Raises GainroomError if the record holds neither position nor torque.
+    Raises GainroomError if the record holds neither position nor torque, and for a system whose gains measure both sides of the gearbox.
     """
+    if system is not None:
+        system.control.feedback.require_one("what a recording tells of the loop")
     record, outliers = without_outliers(record.longest_run(), commands=True)
     own = None if system is None else system.control.sample_time
     search = find_oscillation(record, every_tick=own is None or own > SLOW_LOG * record.sample_time)

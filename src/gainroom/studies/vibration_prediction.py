@@ -128,7 +128,7 @@ def _predicted(loop: Loop) -> Prediction:
 def _control(loop: Loop, seen: RecordedOscillation) -> complex:
     """Target torque over position error at the vibration, relative to the file's controller; NaN: not measured."""
     assert loop.parts is not None
-    parts, side = seen.parts, f"{loop.parts.feedback}_position"
+    parts, side = seen.parts, f"{loop.parts.feedback.position}_position"
     if side not in parts or "target_torque" not in parts or loop.control is None:
         return complex(math.nan)
     error = parts.get("reference", 0j) - parts[side]
@@ -139,7 +139,7 @@ def _control(loop: Loop, seen: RecordedOscillation) -> complex:
 def _control_of(loop: Loop, record: Record, seen: RecordedOscillation, limited: Limited) -> complex:
     """Ratio as in _control from the rows whose torque was not limited, by least squares against the file's controller."""
     assert loop.parts is not None
-    side = f"{loop.parts.feedback}_position"
+    side = f"{loop.parts.feedback.position}_position"
     if not record.has(side) or loop.control is None:
         return complex(math.nan)
     torque, position = record.channels["target_torque"][seen.rows], record.channels[side][seen.rows]
@@ -176,7 +176,7 @@ def _left(found: Prediction, seen: RecordedOscillation) -> float:
 def _softened(found: Prediction, system: System, seen: RecordedOscillation) -> tuple[float, float]:
     """Stiffness, relative to the file's, of a spring loaded for a part of each period, as a gap leaves it; and the remaining error."""
     assert found.loop.parts is not None
-    source, side = system.source, found.loop.parts.feedback
+    source, side = system.source, found.loop.parts.feedback.position
     if found.response != found.response or not math.isfinite(source.stiffness):
         return math.nan, math.nan
     point = _point(seen)
@@ -193,7 +193,7 @@ def _softened(found: Prediction, system: System, seen: RecordedOscillation) -> t
 def _alias(found: Prediction, seen: RecordedOscillation, tick: float) -> Alias | None:
     """Best-fitting frequency for the model's loop among those that a log with `tick` [s] folds to the observed one."""
     assert found.loop.parts is not None
-    side, torque = f"{found.loop.parts.feedback}_position", next((name for name in APPLIED if name in seen.parts), None)
+    side, torque = f"{found.loop.parts.feedback.position}_position", next((name for name in APPLIED if name in seen.parts), None)
     every = found.loop.sample_time
     if every is None or every > SLOW_LOG * tick:
         return None
@@ -225,7 +225,7 @@ def _compared(found: Prediction, record: Record, seen: RecordedOscillation) -> P
     """Prediction with the ratio of position and torque at the vibration, and the motion that the torque makes."""
     loop, parts = found.loop, seen.parts
     assert loop.parts is not None
-    side = f"{loop.parts.feedback}_position"
+    side = f"{loop.parts.feedback.position}_position"
     torque = next((name for name in APPLIED if name in parts), None)
     if torque is None or side not in parts or not parts[torque]:
         return found
@@ -239,7 +239,7 @@ def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:
     """Modelled response from a logged torque to the measured position, at complex s (k,)."""
     assert loop.parts is not None
     if torque == "actual_torque":
-        return loop.parts.plant.response(s, loop.parts.feedback)[:, 0, 0]
+        return loop.parts.plant.response(s, loop.parts.feedback.position)[:, 0, 0]
     whole = loop.actuated_at(s)[:, 0, 0]
     return whole if torque == "target_torque" else whole * np.exp(s * loop.parts.drives[0].delay)
 

@@ -4,26 +4,25 @@ Roots, margins and simulation all start from these matrices, so that they descri
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from ..errors import GainroomError
 from .controller import PD, Controller
 from .drive import Drive
+from .feedback import Feedback
 from .gain_path import GainPath
 from .linear.arrays import Floats
 from .linear.state_space import StateSpace, realize
 from .linear.transfer_function import Factored, ratio
 from .plant import Plant
 
-Feedback = Literal["motor", "link"]
 SYMMETRIC = 1e-12  # relative to the largest gain: asymmetry that is round-off
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Components of a loop: plant, drives, controller, encoder side, sample time [s]; `kd_path` None: kd closes with all other gains."""
+    """Components of a loop: plant, drives, controller, encoders, sample time [s]; `kd_path` None: kd closes with all other gains."""
 
     plant: Plant
     drives: tuple[Drive, ...]
@@ -55,7 +54,7 @@ class Parts:
     def _toppled(self, factor: float) -> int | None:
         """Number of motions in which PD gains times `factor` do not hold the weight; None where static stiffness alone cannot decide."""
         plant, size = self.plant, self.plant.size
-        if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or self.feedback != "motor":
+        if plant.gravity_stiffness is None or self.kd_path is not None or type(self.controller) is not PD or not self.feedback.motor:
             return None
         gains = self.controller.matrices(size)
         if any(np.abs(gain - gain.T).max() > SYMMETRIC * np.abs(gain).max() for gain in gains.values()):

@@ -39,4 +39,5 @@ def closed_loop(loop: Loop) -> ClosedLoop:
     require_loop("closed_loop", loop)
     if loop.scalar is None:
         raise GainroomError("closed_loop needs a loop of one joint built with build_loop or from an LTI system")
+    loop.require_one_side("one measured position")
     return ClosedLoop(loop)

@@ -311,11 +311,15 @@ class Controller:
 
     def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
         """Transfer function D at the point (kp, kd) of the plane."""
+        return self.combine(self.plane_terms(kp, kd), sample_time)
+
+    def plane_terms(self, kp: float, kd: float) -> Terms:
+        """Terms at the point (kp, kd) of the plane."""
         terms: Terms = {}
         for gain, part in zip((kp, kd), self.plane(), strict=True):
             for powers, share in part.items():
                 terms[powers] = terms.get(powers, np.zeros(())) + gain * share
-        return self.combine(_nonzero(terms), sample_time)
+        return _nonzero(terms)
 
 
 @dataclass(frozen=True)

@@ -84,9 +84,12 @@ class JitterMargin:
 def jitter_margin(loop: Loop) -> JitterMargin:
     """Jitter margin of a stable loop of n ≥ 1 joints, with its width δ in s; computed once per loop.
 
-    Stability is not checked: for an unstable loop the result has no meaning. Raises GainroomError if kd closes on a path of its own.
+    Stability is not checked: for an unstable loop the result has no meaning. Raises GainroomError if kd closes on a path of its own, and
+    for a sampled loop whose gains measure both sides.
     """
     loop.require_one_path("the jitter margin")
+    if loop.sample_time is not None:  # whose aliases differ from side to side
+        loop.require_one_side("the jitter margin of a sampled loop")
     if "jitter" not in loop.measurements:
         peak = _sampled_peak(loop) if loop.scalar is None else _ScalarPeak.of(loop).found()
         place = peak.omega if peak.height > 0 else math.nan
@@ -272,15 +275,14 @@ class _ScalarPeak:
     """
 
     loop: Factored
-    control: Factored
+    control: Factored | None  # known where aliases are
     aliases: Aliases | None
 
     @classmethod
     def of(cls, loop: Loop) -> "_ScalarPeak":
         """Peak of a loop of one joint that has a return ratio in zeros and poles."""
         assert loop.scalar is not None
-        assert loop.control is not None
-        return cls(loop.scalar.reduced, loop.control.scaled(loop.gain), aliases_of(loop))
+        return cls(loop.scalar.reduced, None if loop.control is None else loop.control.scaled(loop.gain), aliases_of(loop))
 
     def found(self) -> _Peak:
         """Peak of H; `certified`: H is proved to exceed it nowhere by more than TOLERANCE. Height 0, frequency NaN if all gains are 0."""
@@ -316,6 +318,7 @@ class _ScalarPeak:
             if self.aliases is None:
                 height = speed(omega, self._time) * np.abs(value / (1 + value))
             else:
+                assert self.control is not None
                 height = speed(omega, self._time) * self.aliases.size(omega) * np.abs(self.control.at(1j * omega) / (1 + value))
         return np.nan_to_num(height, nan=0.0, posinf=0.0)
 
@@ -336,6 +339,7 @@ class _ScalarPeak:
             complementary = np.fmin(fast * complementary, tangent)
             if self.aliases is None:
                 return complementary
+            assert self.control is not None
             near, far = _reach(self._points(middle), half, self.control)
             control = np.exp((far - near)[:, 0]) * abs(self.control.gain)
             return np.fmin(

@@ -14,16 +14,17 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
 from ..native import _core
-from .assembly import Feedback, Parts, controller_state
+from .assembly import Parts, controller_state
 from .controller import Compensator, Controller
 from .drive import Drive
 from .elastic_joint import ElasticJoint
+from .feedback import MISFIT, Feedback, GivenFeedback, feedback_of
 from .gain_path import GainPath, samples_in_common
 from .linear.arrays import Booleans, Complexes, Floats, Integers, are_diagonal
 from .linear.lti import factored_from, is_lti
 from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
-from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
+from .measured_response import Sensed, measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .mode_functions import mode_functions
 from .modes import Corners
 from .plant import Plant
@@ -52,6 +53,7 @@ class Loop:
     parts         components that build_loop joined; None for other loops
     gain          common factor on all controller gains
     unsampled     `actuated` in continuous time, for one joint built from parts
+    sensed        of one joint whose gains measure both sides, in place of `actuated`, `control` and `unsampled`
     resolution    (n,) steps of the encoders [rad]; None where one is not known
     """
 
@@ -66,6 +68,7 @@ class Loop:
     given: StateSpace | None = None
     gain: float = 1.0
     unsampled: Factored | None = None
+    sensed: Sensed | None = None
     resolution: Floats | None = None
 
     def __repr__(self) -> str:
@@ -87,6 +90,10 @@ class Loop:
     @cached_property
     def scalar(self) -> Factored | None:
         """Return ratio L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
+        if self.sensed is not None:
+            assert self.parts is not None
+            controller = self.parts.controller
+            return self.sensed.under(controller, controller.terms()).scaled(self.gain)
         if self.actuated is None or self.control is None:
             return None
         return (self.actuated * self.control).scaled(self.gain)
@@ -95,6 +102,11 @@ class Loop:
     def kd_path(self) -> GainPath | None:
         """Separate path of kd; None: all gains close together."""
         return None if self.parts is None else self.parts.kd_path
+
+    def require_one_side(self, what: str) -> None:
+        """Raise GainroomError if the gains measure both sides, for which `what` is not known."""
+        if self.parts is not None:
+            self.parts.feedback.require_one(what)
 
     def require_one_path(self, what: str) -> None:
         """Raise GainroomError if kd closes on a separate path, for which `what` is not defined."""
@@ -152,6 +164,7 @@ class Loop:
     def actuated_at(self, s: Complexes) -> Complexes:
         """Response P C e^{−sT} from torque command to measured position (k, n, n) [rad/(N m)] at complex s (k,)."""
         self.require_one_path("a frequency response")
+        self.require_one_side("the response to one measured position")
         if self.actuated is not None:
             return self.actuated.at(s).reshape(-1, 1, 1)
         return self._actuated_at(s, self.variable(s))
@@ -162,6 +175,7 @@ class Loop:
         Raises GainroomError for other loops, and where kd has a separate path.
         """
         self.require_one_path("a frequency response")
+        self.require_one_side("a controller of one measured position")
         if self.control is not None:
             return self.gain * self.control.at(s).reshape(-1, 1, 1)
         if self.parts is None:
@@ -223,7 +237,7 @@ class Loop:
         damping = np.array([drive.damping_ratio for drive in self.parts.drives])
         lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
         currents = 1 / (lag * lag + 2 * damping * lag + 1)  # eq. (3)
-        mobility = self._mobility(s) if quick else self.parts.plant.response(s, self.parts.feedback)
+        mobility = self._mobility(s) if quick else self.parts.plant.response(s, self.parts.feedback.position)
         return mobility * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
 
     @cached_property
@@ -255,7 +269,7 @@ class Loop:
         assert self.sample_time is not None
         self.require_one_path("one sampled plant")
         _, fraction = split_delay(self.parts.delays, self.sample_time)
-        return hold(measured_state(self.parts, "position"), fraction * self.sample_time, self.sample_time)
+        return hold(measured_state(self.parts), fraction * self.sample_time, self.sample_time)
 
     @cached_property
     def topples(self) -> bool:
@@ -308,7 +322,7 @@ class Loop:
         path = None if self.kd_path is None else replace(self.kd_path, delay=self.kd_path.delay + extra)
         drives = tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives)
         parts = replace(self.parts, drives=drives, kd_path=path)
-        if self.size == 1 and path is None:  # the controller stays, and a delay moves no pole
+        if self.size == 1 and path is None and self.sensed is None:  # the controller stays, and a delay moves no pole
             assert self.unsampled is not None
             later = replace(self.unsampled, delay=parts.drives[0].delay)
             return replace(self, actuated=sampled_scalar(later, self.sample_time), unsampled=later, parts=parts)
@@ -338,7 +352,7 @@ def build_loop(
     joint: ElasticJoint | Plant,
     drive: Drive | Sequence[Drive],
     controller: Any,
-    feedback: Feedback = "motor",
+    feedback: GivenFeedback = "motor",
     sample_time: float | None = None,
     kd_path: GainPath | None = None,
 ) -> Loop:
@@ -347,7 +361,8 @@ def build_loop(
     joint        ElasticJoint, or a Plant of n joints
     drive        one for all joints, or one per joint
     controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
-    feedback     "motor" or "link": the side of the gearbox the encoder is on
+    feedback     "motor" or "link": the side of the gearbox the encoder is on; of one joint also a side per gain, as
+                 {"kp": "link", "kd": "motor"}
     sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
     kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins are
                  those of the loop lifted over a common period (multirate.py); it has no frequency response
@@ -359,16 +374,15 @@ def build_loop(
     if not isinstance(plant, Plant):
         raise GainroomError(f"joint {type(joint).__name__} must be an ElasticJoint or a Plant")
     drives = _drives(drive, plant.size)
-    if feedback not in ("motor", "link"):
-        raise GainroomError(f"feedback {feedback!r} must be 'motor' or 'link'")
     if sample_time is not None:
         require_positive("loop", "sample_time", sample_time, "s")
     if not isinstance(controller, Controller):
         controller = Compensator(system=factored_from(controller))
+    sides = _sides(feedback, controller, plant, kd_path)
     if plant.size > 1:
         controller.require_size(plant.size)
         _require_alike(plant, controller)
-    parts = Parts(plant, drives, controller, feedback, sample_time, kd_path)
+    parts = Parts(plant, drives, controller, sides, sample_time, kd_path)
     if kd_path is not None:
         return _split_loop(parts)
     delays = parts.delays if sample_time is None else np.zeros(plant.size)
@@ -379,10 +393,24 @@ def build_loop(
             return replace(loop, unstable_poles=plant.toppling)  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
+    if sides.mixed:
+        loop = Loop(1, sample_time, delays=delays, parts=parts, sensed=Sensed.of(parts), resolution=resolution)
+        assert loop.scalar is not None
+        return replace(loop, unstable_poles=loop.scalar.unstable_poles)
     unsampled, control = unsampled_scalar(parts), controller.transfer(sample_time)
     actuated = sampled_scalar(unsampled, sample_time)
     unstable = (actuated * control).unstable_poles
     return Loop(1, sample_time, actuated, control, delays, unstable_poles=unstable, parts=parts, unsampled=unsampled, resolution=resolution)
+
+
+def _sides(given: GivenFeedback, controller: Controller, plant: Plant, kd_path: GainPath | None) -> Feedback:
+    """Encoders of the gains. Raises GainroomError for a side per gain of several joints, and with kd on a path of its own."""
+    found = feedback_of(given, controller)
+    if found.mixed and plant.size > 1:
+        raise GainroomError(f"feedback: {found}: must be motor or link: {MISFIT}, not for {plant.size}")
+    if kd_path is not None:
+        found.require_one("kd_path, kd at a rate of its own,")
+    return found
 
 
 def _require_alike(plant: Plant, controller: Controller) -> None:

@@ -21,7 +21,7 @@ def mode_functions(parts: Parts, seen: Modes | None = None, twofold: bool = Fals
     poles.
     """
     modes, drives, step = parts.plant.modes, parts.drives, parts.sample_time
-    if modes is None or parts.feedback != "motor":
+    if modes is None or not parts.feedback.motor:
         return None
     current, fraction, first = (0.0, 0.0), 0.0, drives[0]
     if step is not None:

@@ -158,7 +158,7 @@ class TorqueNoise(Requirement):
         return float(torque_noise(loop).max())
 
     def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[float, Floats], Floats] | None:
-        if loop.sample_time is None or loop.resolution is None:
+        if loop.sample_time is None or loop.resolution is None or loop.sensed is not None:
             return None
         return NoisePlane.of(loop.actuated, first, second, float(loop.resolution[0])).at
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import case_text
-from .assembly import Feedback
 from .controller import PD
 from .drive import Drive
 from .elastic_joint import ElasticJoint
+from .feedback import GivenFeedback, feedback_of
 from .filters import LowPass, Notch
 from .gain_bounds import GainBounds
 from .gain_path import GainPath
@@ -84,7 +84,7 @@ class Control:
 
     space       "joint" or "task"
     controller  of n joints, with gains () or (n,); None in task space
-    feedback    "motor" or "link": the side of the gearbox the encoders are on
+    feedback    the side of the gearbox the encoders are on, or of one joint a side per gain
     sample_time [s]; None: continuous
     rotors      True: the tasks' model of the robot includes the motors' inertia
     weight      (n,) weight of each joint's stiffness when gains are recommended
@@ -96,7 +96,7 @@ class Control:
 
     space: str
     controller: Any
-    feedback: Feedback
+    feedback: Any  # of GivenFeedback; a Feedback from then on
     sample_time: float | None = None
     velocity_filter: LowPass | None = None
     notches: tuple[Notch, ...] = ()
@@ -106,6 +106,9 @@ class Control:
     command_delay: float = 0.0
     sampling_in_delay: bool = False
     continuous: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "feedback", feedback_of(self.feedback, self.controller))  # frozen
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,7 @@ class System(Generic[Source]):
         joint: ElasticJoint,
         drive: Drive,
         controller: Any,
-        feedback: Feedback = "motor",
+        feedback: GivenFeedback = "motor",
         sample_time: float | None = None,
         requirements: Requirements | None = None,
         uncertainty: Uncertainty | None = None,

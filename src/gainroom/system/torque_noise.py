@@ -42,10 +42,10 @@ def torque_noise(loop: Loop) -> Floats:
 def torque_per_count(loop: Loop) -> Floats:
     """Torque (n,) [N m] that the controller of each joint commands at once when its encoder changes by one count; kp q + kd q/T_s for a PD.
 
-    Raises GainroomError as `torque_noise`.
+    Where gains measure both sides of a joint: of the encoder whose count commands more. Raises GainroomError as `torque_noise`.
     """
-    step = _resolution(loop)
-    return np.abs(np.diagonal(_closed(loop)[3])) * step
+    step, sent = _resolution(loop), _closed(loop)[3]
+    return (np.abs(np.diagonal(sent)) if len(sent) == sent.shape[1] else np.abs(sent).max(axis=1)) * step
 
 
 def _resolution(loop: Loop) -> Floats:
@@ -59,12 +59,16 @@ def _resolution(loop: Loop) -> Floats:
 
 
 def _closed(loop: Loop) -> tuple[Floats, Floats, Floats, Floats]:
-    """State space in z from noise (n) on the measured positions to torque commands (n), all loops closed."""
+    """State space in z from noise (n) on the measured positions to torque commands (n), all loops closed.
+
+    Where gains measure both sides of one joint, from the noise of two encoders (2): of the position and of what velocity is made from.
+    """
     time = loop.sample_time
     assert time is not None
     if loop.parts is not None:
         plant, size = measured_signals(loop.parts), loop.size
-        controller, seen = controller_state(loop.parts.controller, size, time), np.vstack([np.eye(size), np.eye(size)])
+        controller = controller_state(loop.parts.controller, size, time)
+        seen = np.eye(2) if loop.sensed is not None else np.vstack([np.eye(size), np.eye(size)])
     else:
         assert loop.actuated is not None
         assert loop.control is not None

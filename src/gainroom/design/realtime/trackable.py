@@ -55,7 +55,7 @@ def require_trackable(robot: "Robot", system: System, contacts: Sequence[str]) -
         "tasks with P/PI": tasks and any(task.ki is not None for task in robot.stack),
         "filters": tasks and (control.velocity_filter is not None or bool(control.notches)),
         "a path of its own for kd": control.kd_path is not None,
-        "encoders on the link's side": control.feedback != "motor",
+        "encoders on the link's side": not control.feedback.motor,
         "gravity stiffness": bool(robot.gravity),
         "springs of the joints' own": any(robot.body.springs.values()),
         f"springs under contact {', '.join(map(repr, soft))}": bool(soft),

@@ -1,3 +1,5 @@
+#include <nanobind/stl/optional.h>
+
 #include "arrays.hpp"
 #include "gainroom/recursion.hpp"
 #include "gainroom/testbed.hpp"
@@ -56,11 +58,12 @@ static Body body(const Matrix& system, const Matrix& positions, const Matrix& ra
             coordinates};
 }
 
-static Control control(const Matrix& a, const Matrix& b, const Vector& c, const Vector& d, int side) {
+static Control control(const Matrix& a, const Matrix& b, const Vector& c, const Vector& d, int side, std::optional<int> velocity) {
     const std::size_t size = c.shape(0);
     require(has_shape(a, size, size) && has_shape(b, size, 2), "a, b, c have the shapes (r, r), (r, 2), (r,)");
-    require(side == gainroom::kMotor || side == gainroom::kLink, "side is 0, the motor, or 1, the link");
-    return {copied(a), copied(b), copied(c), pair(d, "d has the shape (2,)"), side};
+    for (const int each : {side, velocity.value_or(side)})
+        require(each == gainroom::kMotor || each == gainroom::kLink, "side is 0, the motor, or 1, the link");
+    return {copied(a), copied(b), copied(c), pair(d, "d has the shape (2,)"), side, velocity.value_or(side)};
 }
 
 static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction, const Vector& weight, double torque_limit,
@@ -143,7 +146,8 @@ void bind_simulation(nb::module_& m) {
         .def_prop_ro("rates", [](const Body& self) { return stacked(self.rates); })
         .def_ro("coordinates", &Body::coordinates);
     nb::class_<Control>(m, "Control")
-        .def(nb::new_(&control), nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("d"), nb::arg("side"));
+        .def(nb::new_(&control), nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("d"), nb::arg("side"),
+             nb::arg("velocity") = nb::none());
     nb::class_<Hardware>(m, "Hardware")
         .def(nb::new_(&hardware), nb::arg("tick"), nb::arg("cells"), nb::arg("laws"), nb::arg("gravity"), nb::arg("torque_limit"),
              nb::arg("resolution"), nb::arg("position_limit"));

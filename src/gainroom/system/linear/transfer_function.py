@@ -7,8 +7,9 @@ The variable is v = s in continuous time, and v = δ = (z − 1)/T_s in sampled 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from ...native import _core
 from .arrays import Complexes, Floats
 
 FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold
+POLISHED, NEARBY = 4, 1e-3  # steps of Newton on the roots of a sum, and the largest of a root that counts, relative to it
 _NO_ROOTS = np.zeros(0, dtype=complex)
 
 
@@ -196,6 +198,47 @@ def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
         zeros = np.concatenate([zeros, later]) if len(later) else zeros
         found.append(Factored(zeros, poles, num[0] * shared.gain if num else 0.0, shared.delay, shared.sample_time))
     return found
+
+
+def total(parts: Sequence[Factored]) -> Factored:
+    """Sum of transfer functions with the same poles and delay, not empty: its zeros are the roots of the sum of the numerators.
+
+    The roots are polished on the numerators as products, which keeps the digits that coefficients of a high order lose.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    if any(not np.array_equal(one.poles, first.poles) or (one.delay, one.sample_time) != (first.delay, first.sample_time) for one in parts):
+        raise GainroomError("a sum of transfer functions needs the same poles, delay and sample time in each")
+    shared, apart = _shared(parts)
+    numerator = reduce(np.polyadd, (one.gain * np.real(np.poly(zeros)) for one, zeros in zip(parts, apart, strict=True)))
+    begun = _begun(np.atleast_1d(numerator).tolist())
+    if not begun:
+        return replace(first, zeros=_NO_ROOTS, gain=0.0)
+    roots = _roots(begun)
+    for _ in range(POLISHED):
+        value = slope = np.zeros(len(roots), dtype=complex)
+        for one, zeros in zip(parts, apart, strict=True):
+            factors = roots[:, None] - zeros
+            value = value + one.gain * np.prod(factors, axis=1)
+            for k in range(len(zeros)):
+                slope = slope + one.gain * np.prod(np.delete(factors, k, axis=1), axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = value / slope
+        roots = np.where(np.abs(step) < NEARBY * np.abs(roots), roots - step, roots)  # a longer one would leave for another root
+    roots = np.where(np.abs(roots.imag) <= 1e-14 * np.abs(roots), roots.real, roots).astype(complex)
+    return replace(first, zeros=np.concatenate([paired(roots), shared]), gain=begun[0])
+
+
+def _shared(parts: Sequence[Factored]) -> tuple[Complexes, list[Complexes]]:
+    """Zeros that all `parts` have, and those that each has besides."""
+    shared, apart = [], [one.zeros.tolist() for one in parts]
+    for root in parts[0].zeros.tolist():
+        if all(root in zeros for zeros in apart):
+            shared.append(root)
+            for zeros in apart:
+                zeros.remove(root)
+    return np.array(shared, dtype=complex), [np.array(zeros, dtype=complex) for zeros in apart]
 
 
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:

@@ -14,7 +14,7 @@ namespace gainroom {
 struct Control {
     std::vector<double> a, b, c;  // (r, r), (r, 2), (r)
     std::array<double, 2> d;
-    int side;  // what it measures
+    int side, velocity;  // what position gains measure, and what velocity is made from
 };
 
 // Nonlinear parts of the testbed.
@@ -71,7 +71,7 @@ class Testbed {
             if (!(std::fabs(row.position[side]) <= hardware_.position_limit)) return false;
             row.reading[side] = quantised(row.position[side] + given.noise[side], hardware_.resolution[side]);
         }
-        row.target = command(row.reading[control_.side], given);
+        row.target = command(row.reading[control_.side], row.reading[control_.velocity], given);
         at(now_) = {row.target, delay.fraction, now_ + delay.whole};
         take_newest(0.0);
         row.demand = demand_;
@@ -112,9 +112,9 @@ class Testbed {
     }
 
     // The target torque of this tick; moves the controller on.
-    double command(double reading, const TickInputs& given) {
-        if (now_ == 0) first_reading_ = reading;  // the difference's past: it has always read this
-        const double error = given.reference - reading, motion = given.motion + first_reading_ - reading;
+    double command(double reading, double moving, const TickInputs& given) {
+        if (now_ == 0) first_reading_ = moving;  // the difference's past: it has always read this
+        const double error = given.reference - reading, motion = given.motion + first_reading_ - moving;
         const std::size_t size = memory_.size();
         const double own = dot(control_.c.data(), memory_.data(), size);
         const double target = given.feedforward + own + control_.d[0] * error + control_.d[1] * motion;
