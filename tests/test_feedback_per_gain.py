@@ -17,6 +17,7 @@ from gainroom.errors import GainroomError
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.simulation.run import simulate
 from gainroom.simulation.scenario import Scenario
+from gainroom.simulation.step_response import step_response
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Step
 from gainroom.system.feedback import Feedback
@@ -344,6 +345,26 @@ def test_a_simulated_step_is_that_of_the_matrix(drawn: Drawn) -> None:
         assert found.motor_position[:ticks, 0] == pytest.approx(states[:, 0], abs=1e-9 * scale)
         assert found.link_position[:ticks, 0] == pytest.approx(states[:, 1], abs=1e-9 * scale)
         assert found.feedback == drawn.feedback["kp"]
+
+
+@pytest.mark.parametrize("drawn", STABLE[:8])
+def test_steps_of_reference_and_load_are_those_of_the_matrix(drawn: Drawn) -> None:
+    found = step_response(drawn.loop(), 300 * drawn.step)
+    matrix, _, push = drawn.sampled(drawn.kp, drawn.kd)
+    a, _ = drawn.equations()
+    both = np.zeros((len(a) + 1, len(a) + 1))
+    both[: len(a), : len(a)], both[3, -1] = drawn.step * a, drawn.step / drawn.jl
+    pushed = np.zeros(len(matrix))
+    pushed[: len(a)] = expm(both)[: len(a), -1]
+    for steps, entry in ((found.reference, -push[:, 0]), (found.load, pushed)):
+        states = np.zeros((len(found.time), len(matrix)))
+        for k in range(1, len(states)):
+            states[k] = matrix @ states[k - 1] + entry
+        scale = np.abs(states[:, :2]).max()
+        assert steps.motor == pytest.approx(states[:, 0], abs=1e-9 * scale)
+        assert steps.link == pytest.approx(states[:, 1], abs=1e-9 * scale)
+    softness = 1 / drawn.kp + (1 / drawn.k if drawn.feedback == MOTOR_LINK else 0.0)  # in series with the gearbox, or in its stead
+    assert found.load.link_rest == pytest.approx(softness, rel=1e-6)
 
 
 @pytest.mark.parametrize("drawn", STABLE[:8])
