@@ -203,9 +203,10 @@ def _decide_first(study: Analysis, call: str, found: ToUse) -> ToUse:
 
 
 def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
+    from .recommended_gains import links_text, none_text, sway_text  # loads the search for gains, which audits do without
+
     if study.to_use is None:
-        return NOTHING
-    from .recommended_gains import sway_text  # loads the search for gains, which audits do without
+        return ToUse(none_text(study)) if none_text(study) else NOTHING
 
     gains, found = study.to_use
     remarks, usual, asked = [], study.recommended_at_usual_rate, study.system.requirements
@@ -218,7 +219,7 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     if found.without_weight and found.topples:
         remarks.append(f"With the weight the robot topples on these in {found.topples[0]}.")
     if joints:
-        remarks += filter(None, [sway_text(gains, found, asked, study.system.balance == "controller")])
+        remarks += filter(None, [sway_text(gains, found, asked, study.system.balance == "controller"), *links_text(study)])
     remarks += _cost_of_ranges(study)
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
@@ -246,7 +247,8 @@ def _cost_of_ranges(study: "RobotStudy") -> list[str]:
     if costs is None or study.exact is None or not np.any(costs >= HALF):
         return []
     k, names = int(np.nanargmax(costs)), [name.replace("_", " ") for name in study.system.uncertainty.names]
-    lost = f"{study.exact.names[k]} {100 * costs[k]:.0f} % of its gain"
+    what = "gain" if study.system.objective == "largest_kp" else "dynamic stiffness"
+    lost = f"{study.exact.names[k]} {100 * costs[k]:.0f} % of its {what}"
     if len(names) == 1:
         return [f"The range of {names[0]} costs {lost}; a measurement that narrows it gives some back."]
     return [f"The ranges of {listed(names)} cost {lost}; measurements that narrow them give some back."]
@@ -299,12 +301,12 @@ def verdict_lines(study: Analysis, to_use: ToUse) -> list[Part]:
     """First parts of the terminal's answer: gains to use with remarks, and the table of every requirement at its worst."""
     drops = ("at", "nominal", to_use.column, "required")
     rows = TextTable.of("", verdict_columns(study, to_use.margins, to_use.column), study.worst, drops)
-    return [*do_this(to_use), rows] if to_use.lines else [rows]
+    return [*do_this(to_use), rows] if to_use.heading else [rows]
 
 
 def gains_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
     """Advice box of a page: gains to copy, with every requirement before and after; "" without gains."""
-    if not found.lines:
+    if not found.heading:
         return ""
     if found.margins is None:  # the cards say as much
         return advice_box(found)

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..design.gain_search import LINK
 from ..design.gain_sets import GainSet, RobotGains, StateStiffness
 from ..design.robot_gains import EVERYWHERE
 from ..errors import listed
+from ..studies.softest_link import SoftestLink, softest_of
 from ..system.linear.arrays import Floats
 from ..system.requirement import Requirement
 from ..system.requirements import Requirements, reported, title_of
@@ -19,6 +20,9 @@ from .columns import Column, facts
 from .margin_columns import margin_facts, margins_text, requirement
 from .number_format import digits, hertz
 from .robot_columns import damping_facts
+
+if TYPE_CHECKING:
+    from ..studies.robot import RobotStudy
 
 LEAST_COST = 1.02
 """Least factor of dynamic stiffness that is worth a switch of gains."""
@@ -109,6 +113,48 @@ def sway_text(gains: RobotGains, found: GainSet, required: Requirements, balance
         f"{listed([gains.names[j] for j in held])} at kp {digits(float(found.kp[first]), '', 3)}{'' if len(held) == 1 else ' and more'}. "
         "Where a controller above the joints damps it, state `balance: controller`."
     )
+
+
+HAND = 50.0
+"""Force on an arm's hand [N] in sentences: what somebody pushes with, or 5 kg weigh."""
+
+
+def links_text(study: "RobotStudy") -> list[str]:
+    """Sentences on the softest link and on an arm's hand, with the file's gains and with recommended ones."""
+    assert study.to_use is not None
+    now, new = study.softest_now, softest_of(study.to_use[1])
+    found = (
+        []
+        if new is None
+        else [
+            f"Softest link: {_soft_text(study, new)} with the new gains"
+            + ("." if now is None else f"; {_soft_text(study, now)} with the present ones.")
+        ]
+    )
+    before, after = study.hands
+    if after is not None:
+        was = "" if before is None else f", with the present ones {digits(1e3 * HAND * before.softness, 'mm', 3)}"
+        swings = f" where it swings at {hertz(after.omega)}" if after.omega > 0 else ""
+        found.append(f"{HAND:.0f} N at {after.frame} move it {digits(1e3 * HAND * after.softness, 'mm', 3)} at most{swings}{was}.")
+    return found
+
+
+def _soft_text(study: "RobotStudy", one: SoftestLink) -> str:
+    """A joint with its dynamic stiffness, the state, and the load that turns it by 1°, or moves it by 1 mm."""
+    name, straight = study.system.source.joint_names[one.joint], bool(study.system.source.body.prismatic[one.joint])
+    unit, force, small = ("N/m", "N", "1 mm") if straight else ("N·m/rad", "N·m", "1°")
+    load = digits(one.stiffness * (1e-3 if straight else math.radians(1)), force, 3)
+    at = f" at {hertz(one.omega)}" if one.omega > 0 else ""
+    return f"{name}, {digits(one.stiffness, unit, 3)}{at} in {one.title} ({load} {'move' if straight else 'turn'} it by {small})"
+
+
+def none_text(study: "RobotStudy") -> str:
+    """Sentence on what keeps gains from meeting everything, and the nearest miss; "" where gains were found or not searched."""
+    missing = [gains for gains in study.recommended if gains.space == study.system.control.space and gains.everywhere is None]
+    if not missing:
+        return ""
+    one, *_ = _of_one_contact(missing[0]) or [""]
+    return f"No gains meet everything that is required in every state; the nearest miss: {missing[0].nearest['']}. {one}".rstrip()
 
 
 def weight_warnings(gains: RobotGains) -> list[str]:

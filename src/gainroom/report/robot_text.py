@@ -147,7 +147,7 @@ def warnings(study: "RobotStudy") -> tuple[str, ...]:
     found += [*unconfirmed(study.states), *free_joints(system), *_toppling(study)]
     found += _of_weights(study, own_space=True)
     found += [text for text in system.assumptions if text.startswith((NO_DATA, NO_STIFFNESS))]
-    found += [*_not_found(study), *_undamped(study), *system.warnings]
+    found += [*_undamped(study), *system.warnings]
     found += [CONTINUOUS] if study.system.rate_is_missing and study.recommended_at_usual_rate is None else []
     return tuple(doubts_first(list(dict.fromkeys(found))))
 
@@ -171,12 +171,6 @@ def _of_weights(study: "RobotStudy", own_space: bool) -> list[str]:
 
     space = study.system.control.space
     return [text for gains in study.recommended for text in weight_warnings(gains) if (gains.space == space) is own_space]
-
-
-def _not_found(study: "RobotStudy") -> list[str]:
-    """Warnings that no gains for every state were found."""
-    missing = [gains for gains in study.recommended if gains.space == study.system.control.space and gains.everywhere is None]
-    return [f"no gains were found that meet the requirements in every state; nearest: {gains.nearest['']}" for gains in missing]
 
 
 def unconfirmed(states: Iterable[State]) -> list[str]:

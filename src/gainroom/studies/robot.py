@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
+from ..design.gain_cases import case_of
 from ..design.gain_sets import GainSet, RobotGains
 from ..design.parallel import Job, each, in_parallel
 from ..design.robot_gains import delay_margin_in_all, margins_at_rate, recommend_robot
+from ..design.set_search import gains_of
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.controller import PD, Controller
@@ -23,6 +25,7 @@ from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze
 from .critical_joints import most_sensitive
 from .progress import Progress, after, quiet
+from .softest_link import Hand, SoftestLink, hand_of, softest_now
 from .state import USUAL_RATE, State, task_headroom
 from .worst_place import try_places
 
@@ -85,12 +88,32 @@ class RobotStudy(Analysis):
 
     @property
     def uncertainty_cost(self) -> Floats | None:
-        """Share (n,) of each joint's or direction's kp that the uncertainty costs; NaN where nothing moves it. None: not known."""
+        """Share (n,) of what gains make largest, the links' dynamic stiffness or kp, that the uncertainty costs each joint or direction.
+
+        NaN where nothing moves it. None: not known.
+        """
         exact = None if self.exact is None else self.exact.everywhere
         if self.to_use is None or exact is None:
             return None
+        name = "kp" if self.system.objective == "largest_kp" else "stiffness"
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.maximum(1 - self.to_use[1].kp / exact.kp, 0.0)
+            return np.maximum(1 - getattr(self.to_use[1], name) / getattr(exact, name), 0.0)
+
+    @cached_property
+    def softest_now(self) -> SoftestLink | None:
+        """The softest link with the file's gains; None where no link is held, or no state is stable."""
+        return softest_now(self.states)
+
+    @cached_property
+    def hands(self) -> tuple[Hand | None, Hand | None]:
+        """The hand of an arm with a payload, with the file's gains and with recommended ones; None where there is none."""
+        states = [state for state in self.states if state.moves]
+        stable = [(state.posture, state.contact, state.loop) for state in states if state.limit.stable]
+        if self.to_use is None or self.to_use[0].space != "joint":
+            return hand_of(self.system, stable), None
+        gains = gains_of(self.to_use[1])
+        new = [(state.posture, state.contact, case_of(state.case, "joint").loop(gains)) for state in states]
+        return hand_of(self.system, stable), hand_of(self.system, new)
 
     @property
     def raised(self) -> bool:
@@ -144,7 +167,8 @@ class RobotStudy(Analysis):
         omega = one.frequency(found)
         if not math.isfinite(omega) or omega <= 0:
             return None
-        response = state.loop.response(np.array([omega]))[0]
+        size = state.loop.size
+        response = state.loop.response(np.array([omega])).reshape(size, size)
         if self.decisive == "phase_margin":
             values, vectors = np.linalg.eig(response)
             mode, joint = vectors[:, int(np.argmin(np.abs(values + 1)))], ""
