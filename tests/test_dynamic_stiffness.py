@@ -288,3 +288,13 @@ def test_least_damping_of_coupled_machines_by_eigenvalues():
     most = 1.5 * math.sqrt(np.linalg.eigvals(inverse @ springs).real.max())
     s = s[(s.imag > 0) & (s.imag < 0.999 * math.pi / step) & (np.abs(s) <= most)]
     assert found.damping_ratio == pytest.approx((-s.real / np.abs(s)).min(), rel=1e-6)
+
+
+def test_at_the_resonance_of_an_undamped_motor_on_its_spring_the_link_of_a_link_side_encoder_does_not_move():
+    """1 + J_m s²/K is 0 to the last digit at ω = 2 rad/s, and the compliance with it."""
+    joint, drive = gr.ElasticJoint(motor_inertia=1.0, link_inertia=3.0, stiffness=4.0), gr.Drive(delay=1e-3)
+    links = LinkCompliance.of(gr.build_loop(joint, drive, gr.PD(0.5, 0.1), feedback="link"))
+    s = np.array([2j])
+    fed = links.feedback(s, gr.PD(0.5, 0.1))
+    for found in (links.of_one(s, fed[:, 0, 0])[0], links.at(s, fed)[0, 0, 0]):
+        assert abs(found) < 1e-10

@@ -40,6 +40,10 @@ def current(drive: Drive, s: Complexes) -> Complexes:
     return 1 / (lag * lag + 2 * drive.damping_ratio * lag + 1)
 
 
+ASIDE = 1e-12
+"""Share that is added to a motor's inertia: at √(K/J_m) itself an undamped motor on its spring would be infinitely stiff."""
+
+
 @dataclass(frozen=True)
 class LinkCompliance:
     """Links, gearboxes, motors and drives of a loop from build_loop, without its gains: compliance C of the links for any gains."""
@@ -107,7 +111,8 @@ class LinkCompliance:
         """Impedance J_m s² + D_m s of the motors, and k⁻¹ of the gearboxes, each (k, n)."""
         plant, at = self.parts.plant, s[:, None]
         spring = np.where(plant.elastic, plant.stiffness, 1.0) + at * np.where(plant.elastic, plant.damping, 0.0)
-        return at * at * plant.motor_inertia + at * plant.motor_viscous, np.where(plant.elastic, 1 / spring, 0.0)
+        motor = at * at * (plant.motor_inertia * (1 + ASIDE)) + at * plant.motor_viscous
+        return motor, np.where(plant.elastic, 1 / spring, 0.0)
 
     def stiffness(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
         """Stiffness Y (…, k, n) [N m/rad] of joints whose gains do not couple them, at s (k,); `fed` (…, k, n): diagonal of `feedback`.
