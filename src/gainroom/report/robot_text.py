@@ -226,8 +226,8 @@ def free_joints(system: System) -> list[str]:
 
 
 def _toppling(study: "RobotStudy") -> list[str]:
-    """Warning that the weight, which is not included, topples the robot on the file's gains; [] otherwise."""
-    if not study.topples:
+    """Warning that the weight, which is not included, topples the robot on the file's gains; [] otherwise, and if a controller holds it."""
+    if not study.topples or study.system.balance == "controller":
         return []
     return [
         f"with its weight the robot topples on these gains in {listed(study.topples)}: a balance controller must prevent that; "
