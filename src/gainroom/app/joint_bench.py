@@ -22,7 +22,7 @@ from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
 from ..report.joint_tables import JointPresentation
 from ..report.joint_text import sentence, warnings
-from ..report.map_lines import MapView as Window, opened, outlines, required_lines
+from ..report.map_lines import MapView as Window, heights, opened, outlines, required_lines
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains
 from ..report.over_time import LOAD, drawn_until
@@ -279,9 +279,12 @@ def required_gains(study: JointStudy, window: tuple[float, float]) -> Iterator[d
 
 
 def limits(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
-    """Line of each required margin."""
+    """Line of each required margin, and lines of equal dynamic stiffness of the link."""
     view = Window(*window, *window)
-    return {"lines": [{"text": text, "parts": [drawn_line(part) for part in parts]} for text, parts in required_lines(study, view)]}
+    return {
+        "lines": [{"text": text, "parts": [drawn_line(part) for part in parts]} for text, parts in required_lines(study, view)],
+        "heights": [{"text": text, "line": drawn_line(line)} for text, line in heights(study, view)[1]],
+    }
 
 
 def step(study: JointStudy) -> dict[str, Any]:

@@ -21,7 +21,7 @@ COLUMNS = 40  # lines kp = const on which a boundary is computed
 LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (style.VERMILION, "dashdot"))
 """Colour and dash of the requirements, in order."""
 HEIGHT = "#8a8a8a"  # of lines of equal stiffness, as of equal height on a map
-SHARES = (0.5, 0.8, 0.95)  # of the largest stiffness, at which lines are drawn
+SHARES = (0.95, 0.8, 0.5)  # of the largest stiffness, at which lines are drawn
 GRID = (80, 80)  # values of kp and kd at which the stiffness is worked out
 AT_A_TIME = 512  # gains: all frequencies of more would leave the processor's cache
 
@@ -101,27 +101,33 @@ def contours(study: JointStudy, view: MapView, taken: list[Box]) -> tuple[list[s
 
 def stiffness_lines(study: JointStudy, view: MapView, taken: list[Box]) -> tuple[list[style.Trace], list[style.Annotation], str]:
     """Lines of equal dynamic stiffness of the link at SHARES of the largest on the map, labels clear of `taken`, and what they are."""
-    if study.link is None:
+    best, lines = heights(study, view)
+    if not lines:
         return [], [], ""
+    traces, notes, taken = [], [], list(taken)
+    for share, (text, line) in zip(SHARES, lines, strict=True):
+        traces.append(style.line(line[:, 0], line[:, 1], HEIGHT, width=1.2, text=f"dynamic stiffness of the link {text}", hoverinfo="text"))
+        spot = free_spot(line[np.isfinite(line[:, 0])], len(text), view.shown, taken, 0.5 * share)
+        if spot is not None:
+            notes.append(style.label(*spot, text, style.SOFT, name="wide"))
+            taken.append(label_box(notes[-1], view.shown))
+    shares = listed([f"{100 * share:.0f}" for share in SHARES[::-1]])
+    words = f" Grey lines: dynamic stiffness of the link, {shares} % of the largest, {digits(best, 'N·m/rad', 3)}."
+    return traces, notes, words
+
+
+def heights(study: JointStudy, view: MapView) -> tuple[float, list[tuple[str, Floats]]]:
+    """The largest dynamic stiffness on the map [N m/rad], and the lines of SHARES of it with their labels; none without a link."""
+    if study.link is None:
+        return 0.0, []
     kps, kds = _spread(view.kp, view.whole_kp, GRID[0]), _spread(view.kd, view.whole_kd, GRID[1])
     stiffness = stiffness_on(study.region, study.link, kps, kds)
     best = float(stiffness.max(initial=0.0))
     if study.recommended is not None:  # a top between the grid's lines
         best = max(best, float(study.link.stiffness(np.array([study.recommended.kp]), np.array([study.recommended.kd]))[0]))
     if not best > 0:
-        return [], [], ""
-    traces, notes, taken = [], [], list(taken)
-    for share in SHARES[::-1]:
-        text = digits(share * best, "N·m/rad", 3)
-        line = level_line(kps, kds, stiffness, share * best)
-        traces.append(style.line(line[:, 0], line[:, 1], HEIGHT, width=1.2, text=f"dynamic stiffness of the link {text}", hoverinfo="text"))
-        spot = free_spot(line[np.isfinite(line[:, 0])], len(text), view.shown, taken, 0.5 * share)
-        if spot is not None:
-            notes.append(style.label(*spot, text, style.SOFT, name="wide"))
-            taken.append(label_box(notes[-1], view.shown))
-    shares = listed([f"{100 * share:.0f}" for share in SHARES])
-    words = f" Grey lines: dynamic stiffness of the link, {shares} % of the largest, {digits(best, 'N·m/rad', 3)}."
-    return traces, notes, words
+        return best, []
+    return best, [(digits(share * best, "N·m/rad", 3), level_line(kps, kds, stiffness, share * best)) for share in SHARES]
 
 
 def _spread(shown: float, whole: float, count: int) -> Floats:

@@ -54,7 +54,7 @@ export class GainMap {
     /** @type {Record<string, string>} */ this.of = {}; // whose map each part is
     this.star = ""; // what is certified of the recommended ones
     this.blue = "every requirement met at the nominal values";
-    /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [] };
+    /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [], heights: [] };
     /** @type {Record<string, number[] | null>} */ this.points = { dot: null, ghost: null, star: null, rule: null };
     /** @type {number | null} */ this.cursor = null;
     this.root = svg("svg", { viewBox: "0 0 600 440", role: "application", "aria-label": "Gain map" }, place);
@@ -142,7 +142,7 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    for (const name of ["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next", "unread"]) if (part[name] !== undefined) { this.data[name] = part[name]; this.of[name] = part.plant; }
+    for (const name of ["stable", "required", "edge", "lines", "heights", "every", "safe", "whole", "missing", "next", "unread"]) if (part[name] !== undefined) { this.data[name] = part[name]; this.of[name] = part.plant; }
     if (part.window) this.window = part.window;
     if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
     this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
@@ -178,6 +178,7 @@ export class GainMap {
     for (const outline of this.data.safe || []) svg("path", { d: this.path(outline, true), fill: "#009e73", "fill-opacity": this.late ? 0.15 : 0.45, "data-area": "safe" }, areas);
     for (const outline of this.data.whole || []) svg("path", { d: this.path(outline, true), fill: "#006b4e", "fill-opacity": this.late ? 0.15 : 0.6, "data-area": "whole" }, areas);
     for (const outline of this.data.every || []) svg("path", { d: this.path(outline, true), fill: "none", stroke: "#1a1a1a", "stroke-width": 1.6, "stroke-dasharray": "7 5", "stroke-opacity": this.late ? 0.3 : 1, "data-area": "every" }, areas);
+    for (const { text, line } of this.data.heights) svg("title", {}, svg("path", { d: this.path(line), fill: "none", stroke: "#8a8a8a", "stroke-width": 1.2, "stroke-opacity": fresh("heights") ? 1 : 0.2, "data-area": "height" }, areas)).textContent = `dynamic stiffness of the link ${text}`;
     const colors = ["#009e73", "#0072b2", "#cc79a7", "#d55e00"], dashes = ["none", "7 4", "2 4", "7 3 2 3"];
     this.data.lines.forEach((/** @type {any} */ line, /** @type {number} */ k) => {
       for (const part of line.parts) svg("path", { d: this.path(part), fill: "none", stroke: colors[k % 4], "stroke-width": 2, "stroke-dasharray": dashes[k % 4], "stroke-opacity": fresh("lines") ? 1 : 0.2, "data-area": "line" }, areas);
@@ -196,7 +197,7 @@ export class GainMap {
     const corner = new DOMPoint(width - FRAME.right - 34, FRAME.top + 14), stable = /** @type {NodeListOf<SVGGeometryElement>} */ (areas.querySelectorAll("[data-area=stable]"));
     if (![...stable].some((path) => path.isPointInFill(corner))) svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), this.leftOut(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
+    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.of.stable && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), this.leftOut(), this.data.heights.length ? `Grey lines: dynamic stiffness of the link, ${this.data.heights.map((/** @type {any} */ one) => one.text).join(", ")}. ` : "", "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? `, × rule of thumb (10 Hz)${this.meet(this.points.ghost, this.points.rule) ? ", here the file's gains" : ""}. ` : ". ");
     for (const one of inside) {
       const mark = made("span", {}, ` ${one.dash} ${one.text} `);
       Object.assign(mark.style, { color: one.color, opacity: fresh("lines") ? 1 : 0.4 });
