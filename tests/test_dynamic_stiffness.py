@@ -298,3 +298,13 @@ def test_at_the_resonance_of_an_undamped_motor_on_its_spring_the_link_of_a_link_
     fed = links.feedback(s, gr.PD(0.5, 0.1))
     for found in (links.of_one(s, fed[:, 0, 0])[0], links.at(s, fed)[0, 0, 0]):
         assert abs(found) < 1e-10
+
+
+def test_a_link_that_drifts_is_no_vibration():
+    """A joint without kp: its roots at rest are 0 twice, which round-off splits into a pair of any damping ratio."""
+    joint = gr.ElasticJoint(motor_inertia=0.2, link_inertia=0.8, stiffness=1e4, damping=1.0)
+    loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(0.0, 5.0), sample_time=1e-3)
+    found = gr.dynamic_stiffness(loop)
+    # the gearbox's own: √(K (1/J_m + 1/J_L)) = 250 rad/s, which kd damps
+    assert found.damping_frequency == pytest.approx(250.0, rel=0.1)
+    assert 0 < found.damping_ratio < 0.2

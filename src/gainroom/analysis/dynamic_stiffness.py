@@ -22,6 +22,7 @@ BESIDE = np.sinh(np.linspace(-3.0, 3.0, 25)) / 2  # in units of a root's decay r
 SLOWEST = 1e-3  # lowest frequency, times the slowest corner's
 FASTEST = 10.0  # highest frequency, times the highest elastic mode's
 ELASTIC = 1.5  # roots up to this times the highest elastic mode count as vibrations; above, delays have roots of their own without end
+AT_REST = 1e-7  # of the highest vibration: slower roots are round-off of motions that drift, √1e-16 of it where two of them meet
 ROUNDS = 4  # samples taken at a peak; each parabola of 1/C through the nearest three leaves less than a tenth of the last one's error
 NEAR = 1.5  # factor of frequency around an undamped mode within which its root lies
 CLOSE = 1e-3  # relative difference of a sample from its parabola, below which a peak is not sampled again
@@ -225,7 +226,7 @@ def vibrations(loop: Loop) -> Complexes:
         roots = np.log(values[np.abs(values) > 0]) / lifted.period
     else:
         roots = roots_within(loop, most)
-    return roots[(roots.imag > 0) & (np.abs(roots) <= most)]
+    return roots[(roots.imag > 0) & (np.abs(roots) <= most) & (np.abs(roots) >= AT_REST * most)]
 
 
 def least_damping(loop: Loop, roots: Complexes | None = None) -> tuple[float, float]:

@@ -122,7 +122,8 @@ HAND = 50.0
 def links_text(study: "RobotStudy") -> list[str]:
     """Sentences on the softest link and on an arm's hand, with the file's gains and with recommended ones."""
     assert study.to_use is not None
-    now, new = study.softest_now, softest_of(study.to_use[1])
+    ranges = study.system.uncertainty.names  # then the new gains' is the worst in them, and the present ones' nominal
+    now, new = None if ranges else study.softest_now, softest_of(study.to_use[1])
     found = (
         []
         if new is None
