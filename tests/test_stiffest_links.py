@@ -108,6 +108,34 @@ def test_no_small_change_of_gains_is_better(biped, found):
     assert here < min(tried) + 1e-3
 
 
+def test_a_joint_damps_by_its_own_gains():
+    """A light pelvis between legs and trunk: the product alone leaves one joint to the damping of the other, which it needs then."""
+    legs, pelvis, trunk, delay, tick = 1.0, 0.02, 2.0, 3e-3, 2e-3
+    mobility = np.array([[1 / legs + 1 / pelvis, -1 / pelvis], [-1 / pelvis, 1 / trunk + 1 / pelvis]])
+    drive, weight, start = gr.Drive(np.inf, delay=delay), np.array([4.0, 1.0]), np.array([np.ones(2), np.full(2, 0.3), np.zeros(2)])
+    plant, late = gr.Plant(mobility, np.full(2, 0.007), np.full(2, np.inf), np.zeros(2)), delay + tick / 2
+
+    def loop(gains):
+        return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]), sample_time=tick)
+
+    def found(lag):
+        case = GainCase("", loop, np.eye(2), np.eye(2), np.zeros(2, dtype=bool), gr.Requirements.usual(), lag=lag)
+        reached = raised_gains([case], start, np.ones(2), [[0], [1]], 1e9, objective="dynamic_stiffness", weight=weight)
+        assert reached.holds
+        return reached.gains, float(weight @ np.log(stiffness_of(loop(reached.gains), True).stiffness)) / weight.sum()
+
+    def held(kp, kd):
+        """The first joint's loop with the other locked, on a load so heavy that it is slow."""
+        heavy = gr.ElasticJoint(0.007, 100.0, np.inf, 0.0)
+        return gr.margins(gr.build_loop(heavy, drive, gr.PD(kp, kd), sample_time=tick)).stable
+
+    (gains, stiffness), (alone, without) = found(np.full(2, late)), found(None)
+    assert not held(*alone[:2, 0])
+    assert held(gains[0, 0], 1.01 * gains[1, 0])  # that kd is on the border, to four digits
+    assert np.all(gains[1] >= (1 - 1e-3) * late * gains[0])
+    assert stiffness > without - 0.01  # and costs less than 1 % of dynamic stiffness
+
+
 def test_a_weight_makes_a_joint_stiffer():
     """Two joints that take from each other: a weight is an exponent of its stiffness."""
     plant = gr.Plant(np.array([[2.0, 0.9], [0.9, 1.0]]), np.full(2, 0.05), np.full(2, 1e3), np.full(2, 1.0))

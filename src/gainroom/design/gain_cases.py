@@ -30,7 +30,8 @@ def joint_case(title: str, system: System, model: Any, contact: str = "") -> Gai
     sway, balanced, required = _sway(system, model, loop), system.balance == "controller", system.requirements
     if sway is not None and balanced and required.asked:
         required = required.also(SWAY_DAMPING, FLOOR)
-    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), required, contact, sway, balanced)
+    lag = np.array(system.torque_lags)
+    return GainCase(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), required, contact, sway, balanced, lag)
 
 
 def _sway(system: System, model: Any, loop: Callable[[Gains], Loop]) -> Swaying | None:

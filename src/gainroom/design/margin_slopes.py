@@ -50,6 +50,7 @@ class GainCase:
     contact    contact state
     sway       sway of the base as a function of gains; None where nothing sways
     balanced   True: a controller above the joints damps sway; then its frequencies count in no phase margin, sensitivity and compliance
+    lag        (m,) of each joint's torque behind a slow motion [s]; None of tasks, whose directions share the motors
     """
 
     title: str
@@ -61,6 +62,7 @@ class GainCase:
     contact: str = ""
     sway: Swaying | None = None
     balanced: bool = False
+    lag: Floats | None = None
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _stable: dict[bytes, bool | None] = field(default_factory=dict, repr=False, compare=False)

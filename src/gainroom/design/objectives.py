@@ -3,6 +3,9 @@
 dynamic_stiffness   the links' dynamic stiffness as a product: the mean, over contact states and directions, of ln of the highest peak of
                     compliance over postures and uncertainty; mirrored joints have one gain and two terms. No units and no trade of one
                     joint for another: a sum of compliances sacrifices whichever joint weighs least, the largest alone is not unique.
+                    A joint's own gains have to damp: its torque, late by τ, damps slow motion by kd − kp τ. Left to the product alone
+                    a joint with kd/kp < τ is kept still by its neighbours' kd (a waist by the hips'), and vibrates where these do not
+                    act; so its link counts as softer by kp τ/kd.
 largest_kp          ln Σ u/k: inertia over stiffness of each direction, the deflection under one common acceleration
 
 Both are functions of ln of the gains, in a search near some gains: value + pull·x + ½ bend x² + Σ share max (height + slope·x), the last
@@ -59,6 +62,18 @@ class Cost:
             term=np.concatenate([self.term, other.term]),
             height=np.concatenate([self.height, here]),
             slope=np.vstack([self.slope, other.slope]),
+        )
+
+    def and_above_zero(self, height: Floats, slope: Floats, share: Floats) -> "Cost":
+        """Cost with terms share max(0, height) added, whose heights (t,) have the slopes (t, 2g)."""
+        own, least = np.arange(len(height)), np.maximum(height, 0.0)
+        return replace(
+            self,
+            value=self.value + float(share @ least),
+            share=np.concatenate([self.share, share]),
+            term=np.concatenate([self.term, len(self.share) + own, len(self.share) + own]),
+            height=np.concatenate([self.height, height - least, -least]),
+            slope=np.vstack([self.slope, slope, np.zeros_like(slope)]),
         )
 
     def within(self, radius: float) -> Booleans:
@@ -164,8 +179,19 @@ class LinkSoftness:
             logs = np.where(held, np.log([stiffness(gains, self.cascade), gains[1]]), 0.0)
         pull = np.concatenate([-STIFFER * self.member @ part, QUIETER * self.member @ part])
         value = float(share @ most[counted]) + float(part @ (QUIETER * logs[1] - STIFFER * logs[0]))
-        slope = slope.reshape(-1, len(pull))
-        return Cost(value, pull, np.zeros(len(pull)), share, number[term[near]], (height - most[term])[near], slope), most[counted]
+        links = Cost(value, pull, np.zeros(len(pull)), share, number[term[near]], (height - most[term])[near], slope.reshape(-1, len(pull)))
+        late = self._late(logs, held)
+        return links.and_above_zero(*late), np.concatenate([most[counted], np.maximum(late[0], 0.0)])
+
+    def _late(self, logs: Floats, held: Booleans) -> tuple[Floats, Floats, Floats]:
+        """ln(kp τ/kd) of each group of joints, its slopes by ln of the groups' gains, and its weight: the joints' part of all."""
+        if self._lag is None:
+            return np.zeros(0), np.zeros((0, 2 * len(self.member))), np.zeros(0)
+        each = np.where(held, self._lag + logs[0] - logs[1], -math.inf)
+        height = np.where(self.member > 0, each, -math.inf).max(axis=1)
+        some = np.isfinite(height)
+        one = np.eye(len(height))[some]
+        return height[some], np.hstack([one, -one]), (self.member @ held)[some] / held.sum()
 
     @property
     def counted(self) -> Sequence[int]:
@@ -211,6 +237,15 @@ class LinkSoftness:
         found = self._peaks(range(len(self.cases)) if among is None else among, gains)
         most = np.maximum(self._highest(found), -math.inf if known is None else known)
         return [k for k, one in found.items() if np.any(one.height >= most[one.direction + self._place(k)])]
+
+    @cached_property
+    def _lag(self) -> Floats | None:
+        """ln of the longest lag (m,) of each joint's torque over the cases; None of tasks and of loops without lag."""
+        late = [case.lag for case in self.cases if case.lag is not None]
+        if not late or not np.any(late):
+            return None
+        with np.errstate(divide="ignore"):
+            return np.log(np.max(late, axis=0))
 
     def _peaks(self, which: Sequence[int], gains: Gains) -> dict[int, SoftPeaks]:
         return dict(zip(which, at_once(lambda k: self.cases[k].peaks(gains), which), strict=True))

@@ -54,8 +54,7 @@ class Swaying:
     def __init__(self, motion: "SlowMotion", system: System, loop: Callable[[Floats], Loop]) -> None:
         self._motion, self._loop, self._limit = motion, loop, system.lag
         self._feedback: Feedback = system.control.feedback
-        held = (system.control.sample_time or 0.0) / 2
-        self._lag = held + np.array([drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in system.drives])
+        self._lag = np.array(system.torque_lags)
         self._known: tuple[bytes, SwayAt] | None = None
 
     def at(self, gains: Floats) -> SwayAt:

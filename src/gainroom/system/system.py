@@ -180,6 +180,12 @@ class System(Generic[Source]):
         return longest + (self.control.sample_time or 0.0)
 
     @property
+    def torque_lags(self) -> list[float]:
+        """Lag [s] of each joint's torque behind a slow motion: drive delay, current loop and half a tick of hold."""
+        held = (self.control.sample_time or 0.0) / 2
+        return [held + drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.drives]
+
+    @property
     def rate_is_missing(self) -> bool:
         """True if no sample rate is given though the drives have a delay: a delay typical of sampled loops, without the lag of sampling."""
         control = self.control
