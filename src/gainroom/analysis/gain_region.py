@@ -36,6 +36,8 @@ from .margin_record import Margins
 from .margins import margins_from_scan
 
 SAMPLED = 24  # gains tried in each interval of kd for a requirement without an excluded set
+INSIDE = 1e-6  # share of an interval by which the first and last of these are off its ends, which other requirements or stability set
+BETWEEN, NARROWED = 5, 4  # gains tried between two of these where it is missed least, and how often: each narrows them to a third
 HALVED, FEW_HALVED = 20, 10  # halvings between neighbouring samples: polished, to 1e-6 of their distance, and for a first search
 RUNGS, RUNGS_PER_DECADE = 121, 5  # values of kp: at least, and per decade of a boundary that slow poles spread over many
 FEW_TURNS = 10.0  # [rad] largest phase ωT of the delay at gains chosen for a root count
@@ -103,9 +105,10 @@ class PDRegion:
         free, kps = list(free), np.asarray(kps)
         for one, needed in sorted(required.asked_for, key=lambda pair: not pair[0].in_closed_form(pair[1])):
             filled = [m for m, intervals in enumerate(free) if len(intervals)]
-            if not one.in_closed_form(needed):
-                for m in filled:
-                    free[m] = self._where(partial(self._meets, one, needed, kps[m]), free[m], polish)
+            if filled and not one.in_closed_form(needed):
+                kept = self._where(partial(self._shortfalls, one, needed), kps[filled], [free[m] for m in filled], polish)
+                for m, intervals in zip(filled, kept, strict=True):
+                    free[m] = intervals
             elif filled:
                 window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
                 lines = Lines(self._plane, self._curve.omega, kps[filled], window, polish)
@@ -115,41 +118,67 @@ class PDRegion:
                     free[m] = without(free[m], wall)
         return free
 
-    def _meets(self, one: Requirement, needed: float, kp: float, kds: Floats) -> Booleans:
-        """True (m,) where stable gains kp and kds (m,) meet `one`."""
+    def _shortfalls(self, one: Requirement, needed: float, kps: Floats, kds: Floats) -> Floats:
+        """By how much (m,) stable gains kps and kds (m,) miss `one`; 0 or less: they meet it."""
+        values = None
         if one.is_measured:
             if one.name not in self._measures:
                 (loop,), step = self.loops(1.0, 1.0), self.actuated.sample_time
                 parts = (self.template.combine(terms, step) for terms in self.template.plane())
                 self._measures[one.name] = one.in_plane(loop, *parts)
             if (together := self._measures[one.name]) is not None:
-                return np.array([one.met(needed, value) for value in together(kp, kds).tolist()], dtype=bool)
-        return np.array([one.met(needed, one.value(found)) for found in self.margins(kp, kds)], dtype=bool)
+                values = together(kps, kds).tolist()
+        if values is None:
+            values = [one.value(found) for found in self.margins(kps, kds)]
+        short = [one.shortfall(needed, value) for value in values]
+        return np.array([min(by, 0.0) if one.met(needed, value) else by for value, by in zip(values, short, strict=True)])
 
-    def _where(self, met: Callable[[Floats], Booleans], free: Floats, polish: bool) -> Floats:
-        """The parts of `free` (p, 2), stable intervals of kd at one kp, in which gains kd (m,) have `met` what is required.
+    def _where(self, missed: Callable[[Floats, Floats], Floats], kps: Floats, free: list[Floats], polish: bool) -> list[Floats]:
+        """The parts of `free`, stable intervals (p, 2) of kd for each of `kps` (m,), in which `missed`(kp, kd) is 0 or less.
 
-        Judged at SAMPLED gains in each interval; where neighbours differ, the end between them is halved to. What is met, or is not, only
-        between two neighbours is not seen.
+        It is worked out at SAMPLED gains in each interval, and where it is least in between. Where neighbours differ, the end between them
+        is halved to.
         """
-        kds = np.concatenate([self._samples(*interval) for interval in free.tolist()])
-        inside = met(kds)
-        apart = np.repeat(np.arange(len(free)), SAMPLED)
-        k = np.flatnonzero((inside[1:] != inside[:-1]) & (apart[1:] == apart[:-1]))
-        good, bad = np.where(inside[k], kds[k], kds[k + 1]), np.where(inside[k], kds[k + 1], kds[k])
-        for _ in range((HALVED if polish else FEW_HALVED) if len(k) else 0):
+        intervals, line = np.concatenate(free), np.repeat(np.arange(len(free)), [len(some) for some in free])
+        kps = kps[line]
+        kds = np.array([self._samples(*interval) for interval in intervals.tolist()])
+        short = missed(np.repeat(kps, SAMPLED), kds.ravel()).reshape(kds.shape)
+        self._to_the_least(missed, kps, kds, short)
+        inside = short <= 0
+        row, k = np.nonzero(inside[:, 1:] != inside[:, :-1])
+        good, bad = np.where(inside[row, k], kds[row, k], kds[row, k + 1]), np.where(inside[row, k], kds[row, k + 1], kds[row, k])
+        for _ in range((HALVED if polish else FEW_HALVED) if len(row) else 0):
             middle = 0.5 * (good + bad)
-            still = met(middle)
+            still = missed(kps[row], middle) <= 0
             good, bad = np.where(still, middle, good), np.where(still, bad, middle)
-        ends = np.sort(np.concatenate([good, free[:, 0][inside[::SAMPLED]], free[:, 1][inside[SAMPLED - 1 :: SAMPLED]]]))
-        return ends.reshape(-1, 2)
+        first, last = np.flatnonzero(inside[:, 0]), np.flatnonzero(inside[:, -1])
+        ends, of = np.concatenate([good, intervals[first, 0], intervals[last, 1]]), np.concatenate([row, first, last])
+        order = np.lexsort((ends, of))
+        ends, of = ends[order].reshape(-1, 2), line[of[order]][::2]
+        return [ends[of == m] for m in range(len(free))]
+
+    @staticmethod
+    def _to_the_least(missed: Callable[[Floats, Floats], Floats], kps: Floats, kds: Floats, short: Floats) -> None:
+        """Move samples kds (p, SAMPLED) that are missed and less so than their neighbours to where `short` is least between these."""
+        row, k = np.nonzero((short[:, 1:-1] > 0) & (short[:, 1:-1] < short[:, :-2]) & (short[:, 1:-1] <= short[:, 2:]))
+        k = k + 1
+        low, high, every = kds[row, k - 1], kds[row, k + 1], np.arange(len(row))
+        for _ in range(NARROWED if len(row) else 0):
+            trials = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, BETWEEN + 2)
+            values = np.full(trials.shape, np.inf)
+            values[:, 1:-1] = missed(np.repeat(kps[row], BETWEEN), trials[:, 1:-1].ravel()).reshape(-1, BETWEEN)
+            best = values.argmin(axis=1)
+            low, high = trials[every, np.maximum(best - 1, 0)], trials[every, np.minimum(best + 1, BETWEEN + 1)]
+            found = values[every, best]
+            lower = found < short[row, k]
+            kds[row[lower], k[lower]], short[row[lower], k[lower]] = trials[every, best][lower], found[lower]
 
     def _samples(self, low: float, high: float) -> Floats:
-        """SAMPLED kd within an interval, closer together near its ends; as far as the stability boundary goes where it has none."""
+        """SAMPLED kd within an interval, closer together near its ends; without an end as far as the stability boundary goes."""
         _, reached = self._curve.along("kd")
         farthest = 2 * float(np.max(np.abs(reached[np.isfinite(reached)]), initial=1.0))
         low, high = max(low, min(-farthest, high - farthest)), min(high, max(farthest, low + farthest))
-        return low + (high - low) * 0.5 * (1 - np.cos(np.linspace(0, math.pi, SAMPLED + 2)[1:-1]))
+        return low + (high - low) * np.clip(0.5 * (1 - np.cos(np.linspace(0, math.pi, SAMPLED))), INSIDE, 1 - INSIDE)
 
     def margins(self, kp: ArrayLike, kd: ArrayLike) -> list[Margins]:
         """The margins at each pair of gains; kp and kd broadcast."""
@@ -172,8 +201,8 @@ class PDRegion:
         return loops
 
     @cached_property
-    def _measures(self) -> dict[str, Callable[[float, Floats], Floats] | None]:
-        """Functions (kp, kds) → values of requirements that are computed from the loop itself, by name; None: computed loop by loop."""
+    def _measures(self) -> dict[str, Callable[[Floats, Floats], Floats] | None]:
+        """Functions (kps, kds) → values of requirements that are computed from the loop itself, by name; None: computed loop by loop."""
         return {}
 
     @cached_property

@@ -113,8 +113,8 @@ class Requirement:
         """True if the quantity is no field of Margins."""
         return type(self).measured is not Requirement.measured
 
-    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[float, Floats], Floats] | None:
-        """Function (kp, kds (m,)) → `measured` (m,) of one joint at many stable gains, with D = kp D_a + kd D_b; None: one by one.
+    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[Floats, Floats], Floats] | None:
+        """Function (kps (m,), kds (m,)) → `measured` (m,) of one joint at many stable gains, with D = kp D_a + kd D_b; None: one by one.
 
         loop             of the joint, whatever its gains; first, second: D_a and D_b as transfer functions
         """

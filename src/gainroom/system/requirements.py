@@ -157,7 +157,7 @@ class TorqueNoise(Requirement):
     def measured(self, loop: Any) -> float:
         return float(torque_noise(loop).max())
 
-    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[float, Floats], Floats] | None:
+    def in_plane(self, loop: Any, first: Any, second: Any) -> Callable[[Floats, Floats], Floats] | None:
         if loop.sample_time is None or loop.resolution is None or loop.sensed is not None:
             return None
         return NoisePlane.of(loop.actuated, first, second, float(loop.resolution[0])).at

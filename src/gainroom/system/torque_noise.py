@@ -36,6 +36,8 @@ def torque_noise(loop: Loop) -> Floats:
     noise = step / math.sqrt(12)
     b, d = b * noise, d * noise
     state = _sum_of_powers(a, b @ b.T)
+    if not np.isfinite(state).all():
+        raise GainroomError("torque noise: the loop does not settle")
     return np.sqrt(np.maximum(np.diagonal(c @ state @ c.T) + (d**2).sum(axis=1), 0.0))
 
 
@@ -115,10 +117,10 @@ class NoisePlane:
         split = StateSpace.gain(np.ones((2, 1)))
         return cls(_realized(actuated, time), realize(first.reduced).beside(realize(second.reduced)) @ split, step, time)
 
-    def at(self, kp: float, kds: Floats) -> Floats:
-        """Torque noise (m,) [N m] at stable gains kp and kds (m,)."""
+    def at(self, kps: Floats, kds: Floats) -> Floats:
+        """Torque noise (m,) [N m] at gains kps and kds (m,); ∞ where the loop does not settle, as on the boundary of stability."""
         plant, own, count = self.plant, self.controller, len(kds)
-        gains = np.stack([np.full(count, kp), kds], axis=1)[:, None]
+        gains = np.stack([kps, kds], axis=1)[:, None]
         c, d = gains @ own.c, gains @ own.d  # (m, 1, states), (m, 1, 1)
         size, states = len(plant.a), len(plant.a) + len(own.a)
         a, b = np.zeros((count, states, states)), np.zeros((count, states, 1))
@@ -129,17 +131,18 @@ class NoisePlane:
         out = np.concatenate([d @ plant.c, c], axis=2)
         state = _sum_of_powers(np.eye(states) + self.time * a, self.time**2 * b @ b.swapaxes(1, 2))
         variance = (out @ state @ out.swapaxes(1, 2) + d**2)[:, 0, 0]
-        return self.step / math.sqrt(12) * np.sqrt(np.maximum(variance, 0.0))
+        variance = np.where(np.isfinite(variance), np.maximum(variance, 0.0), math.inf)
+        return self.step / math.sqrt(12) * np.sqrt(variance)
 
 
 def _sum_of_powers(a: Floats, q: Floats) -> Floats:
-    """X = Σ Aᵏ Q (Aᵀ)ᵏ (…, m, m), by doubling (Smith 1968). Raises GainroomError where it does not converge."""
+    """X = Σ Aᵏ Q (Aᵀ)ᵏ (…, m, m), by doubling (Smith 1968); not finite where it does not converge."""
     total = q
-    for _ in range(MOST_DOUBLINGS):
-        total = total + a @ total @ a.swapaxes(-1, -2)
-        if not np.isfinite(total).all():
-            break
-        if not np.abs(a).max(initial=0.0) > NOTHING:
-            return total
-        a = a @ a
-    raise GainroomError("torque noise: the loop does not settle")
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(MOST_DOUBLINGS):
+            total = total + a @ total @ a.swapaxes(-1, -2)
+            a = a @ a
+            if not np.any(np.abs(a) > NOTHING):  # nor of powers that overflow, which are not numbers at last
+                break
+    settled = np.abs(a).max(axis=(-2, -1), initial=0.0) <= NOTHING
+    return np.where(settled[..., None, None], total, math.nan)
