@@ -305,3 +305,21 @@ def test_a_region_beside_an_undamped_resonance():
             height = float((1 / np.abs(1 + gr.build_loop(*parts, gr.PD(kp, kd)).response(omega))).max())
             if abs(height - 2) > 2e-4:  # what lies between the frequencies
                 assert region.contains(kp, kd) == (height < 2), (kp, kd, height)
+
+
+@pytest.mark.parametrize("feedback", ["motor", {"kp": "link", "kd": "motor"}], ids=["motor", "both"])
+@pytest.mark.parametrize("ticks", [0, 1, 3])
+def test_whole_ticks_of_delay_behind_an_ideal_current_loop(feedback, ticks):
+    """L vanishes at half the rate there, and the gains that put it into a disk are without end: the region is that of margins."""
+    joint, drive = gr.ElasticJoint(0.448, 0.35, 900.0), gr.Drive(delay=1e-3 * ticks)
+    asked = gr.Requirements.usual()
+    region = gr.pd_region(joint, drive, GM, PM, MS, feedback=feedback, sample_time=1e-3)
+    rng, inside = np.random.default_rng(ticks), 0
+    for kp, kd in zip(900 * 10 ** rng.uniform(-1.5, 0.7, 60), 50 * 10 ** rng.uniform(-1.5, 1.0, 60), strict=True):
+        found = gr.margins(gr.build_loop(joint, drive, gr.PD(kp, kd), feedback=feedback, sample_time=1e-3))
+        met = asked.met_by(found)
+        short = asked.shortfall(found)
+        if abs(short) > 1e-3:  # not on the edge
+            assert bool(region.contains(np.array([kp]), np.array([kd]))[0]) == met, (kp, kd)
+        inside += met
+    assert inside > 3

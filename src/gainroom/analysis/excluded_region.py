@@ -145,8 +145,10 @@ class Lines:
         if not self.polish:
             return pieces
         column, point = self._narrow_shadows(center, radius)
+        (low_end, reached), (high_end, _) = (on_circle(kps[column], *self._at(point), -center, radius, sign) for sign in (-1.0, 1.0))
+        # Where B vanishes, as at half the rate of whole ticks of delay, round-off may leave a point that no kd puts into the disk.
+        column, point, low_end, high_end = column[reached], point[reached], low_end[reached], high_end[reached]
         cell = np.searchsorted(omega, point) - 1
-        low_end, high_end = (on_circle(kps[column], *self._at(point), -center, radius, sign)[0] for sign in (-1.0, 1.0))
         pieces.append((column, low_end, high_end))
         for sign, kd in ((-1.0, lower), (1.0, upper)):
 
@@ -159,7 +161,8 @@ class Lines:
             owner = np.append(top, column)
             low, middle, high = np.append(omega[k], omega[cell]), np.append(omega[k + 1], point), np.append(omega[k + 2], omega[cell + 1])
             _, height = self._maximum(farthest, kps[owner], low, middle, high)
-            pieces.append((owner, np.append(kd[top, k + 1], low_end if sign < 0 else high_end), sign * height))
+            start, known = np.append(kd[top, k + 1], low_end if sign < 0 else high_end), np.isfinite(height)
+            pieces.append((owner[known], start[known], sign * height[known]))
         return pieces
 
     def _towards_gaps(self, center: float, radius: float, column: Integers, k: Integers, lower: Floats, upper: Floats) -> list[Piece]:
