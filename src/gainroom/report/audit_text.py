@@ -247,7 +247,7 @@ def what_to_do(
         return Advice(heading, lines if shown else ())
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
-    none = "No common factor on the gains was found that gives all margins."
+    none = "No common factor on the gains was found that gives all margins, neither below 1 nor up to 3."
     if result.has_kd_path:
         return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
     if result.system.source.unknown.get("motor_inertia_unknown"):

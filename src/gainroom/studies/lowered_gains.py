@@ -1,5 +1,9 @@
-"""Safe gains in place of unsafe ones: those of some joints, or of all, each lowered as little as needed, certified as rounded."""
+"""Safe gains in place of unsafe ones: those of some joints, or of all, each lowered as little as needed, certified as rounded.
 
+Where no lower gains are safe, as where a soft joint has too little damping, all are raised as little as needed.
+"""
+
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,6 +44,8 @@ ROUNDS = 10
 """Most rounds in which gains are lowered at the worst places of a range, which change with the gains."""
 HELD = 4
 """Number of places kept from one round to the next, its worst ones."""
+RAISES = (1.2, 1.5, 2.0, 3.0)
+"""Factors above 1 that are tried on all gains."""
 MOST_TRIED = 40
 """Most joints that are tried one by one, each with one evaluation of every state."""
 
@@ -96,8 +102,8 @@ class GainsToUse(Generic[SomeAudit]):
     @property
     def factor(self) -> float | None:
         """Common factor on the gains of `joints`; None if factors differ."""
-        lowered = set(self.factors[self.factors < 1].tolist())
-        return lowered.pop() if len(lowered) == 1 else None
+        changed = set(self.factors[self.factors != 1].tolist())
+        return changed.pop() if len(changed) == 1 else None
 
 
 def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
@@ -107,15 +113,17 @@ def gains_to_use(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
     """
     names = result.system.source.joint_names
     exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
-    for lowered, found in _lowered(result):
-        for factors in _each_its_own(result, lowered, typed_factor(found)):
+    every = np.ones(len(names), dtype=bool)
+    lowered_sets = ((lowered, _each_its_own(result, lowered, typed_factor(found))) for lowered, found in _lowered(result))
+    for lowered, candidates in itertools.chain(lowered_sets, ((every, (factor * every,)) for factor in _raised_together(result))):
+        for factors in candidates:
             for count in range(4, MOST_DIGITS + 1):
                 typed = {
                     name: np.array([float(f"{value:.{count}g}") for value in (factors * values).tolist()]) for name, values in exact.items()
                 }
                 audited = result.of_gains(typed)
                 if audited.safe:
-                    return GainsToUse(factors, tuple(name for name, one in zip(names, factors, strict=True) if one < 1), typed, audited)
+                    return GainsToUse(factors, tuple(name for name, one in zip(names, factors, strict=True) if one != 1), typed, audited)
                 if not lowered.all() or np.ptp(factors) > 0:  # they were found, not proved: more digits would not mend them
                     break
     return None
@@ -138,6 +146,25 @@ def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
             return GainsToUse(found.factors, found.joints, found.gains, audited)
         over = audited.over
     return None
+
+
+def _raised_together(result: AuditOfGains) -> Iterator[float]:
+    """The least factor above 1 on all gains that is safe, within 1 % and of three digits, by samples; none if RAISES contain none."""
+    if result.has_kd_path:
+        return
+    every, most, held = np.ones(len(result.joints), dtype=bool), min(state.limit.gain for state in result.states) / result.margin, 1.0
+    for factor in RAISES:
+        if not factor < most:
+            return
+        if result.seen_at(every, factor):
+            break
+        held = factor
+    else:
+        return
+    while factor > 1.01 * held:
+        middle = math.sqrt(held * factor)
+        held, factor = (held, middle) if result.seen_at(every, middle) else (middle, factor)
+    yield math.ceil(1000 * factor) / 1000
 
 
 def _each_its_own(result: AuditOfGains, lowered: Booleans, factor: float) -> Iterator[Floats]:
