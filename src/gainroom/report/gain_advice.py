@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..studies.robot import RobotStudy
 
 STATE = "posture/contact"
+MANY = 10.0
+"""Factor on a present gain above which a recommended one comes with what the model leaves out."""
 HALF = 0.5
 """Least share of a joint's gain lost to uncertainty that is reported."""
 
@@ -224,7 +226,14 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     remarks += _clock(study)
-    if study.raised:
+    if study.most_raised > MANY:
+        left_out = [*["the stiffness of gearboxes that count as rigid"] * bool(np.isinf(study.system.source.actuators.stiffness).any())]
+        left_out += ["encoder noise", "torque limits"]
+        remarks.append(
+            f"These are up to {digits(study.most_raised, '×', 2)} the present ones, as far as this model's margins go. What it leaves out, "
+            f"{listed(left_out)}, may end sooner: bound the gains (`gain_bounds`), and raise them in steps."
+        )
+    elif study.raised:
         remarks.append(
             f"Some are more than {digits(study.tightest.limit.gain, '×', 3)} the present ones: that limit is of one factor on all gains."
         )

@@ -116,6 +116,19 @@ class RobotStudy(Analysis):
         return hand_of(self.system, stable), hand_of(self.system, new)
 
     @property
+    def most_raised(self) -> float:
+        """Largest ratio of a recommended gain to the present one, of joints that have both; 1 in task space."""
+        if self.to_use is None or self.to_use[0].space != "joint" or self.system.control.space != "joint":
+            return 1.0
+        found = self.to_use[1]
+        present = self.system.control.controller.matrices(len(found.kp))
+        ratios = [1.0]
+        for gain, powers in ((found.kp, (0, 0)), (found.kd, (1, 0))):
+            now = np.diagonal(present.get(powers, np.zeros((len(gain), len(gain)))))
+            ratios += (gain[(now > 0) & ~np.isnan(gain)] / now[(now > 0) & ~np.isnan(gain)]).tolist()
+        return max(ratios)
+
+    @property
     def raised(self) -> bool:
         """True if a recommended gain exceeds its present value times the limit of the common factor on all gains."""
         limit, control = self.tightest.limit, self.system.control
