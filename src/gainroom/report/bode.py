@@ -16,7 +16,7 @@ from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
 PER_DECADE = 120
-FLOOR, DEEPEST = -60.0, -560.0  # [dB], [°]: lower values are not drawn
+FLOOR, CEILING, DEEPEST = -60.0, 80.0, -560.0  # [dB], [dB], [°]: what lies beyond is not drawn
 LOOK = (("solid", style.BLACK, 3.0), ("dash", style.BLUE, 1.8), ("dot", style.VERMILION, 2.2), ("dashdot", style.GREEN, 1.8))
 
 
@@ -49,7 +49,7 @@ def bode(study: JointStudy, shown: list[BodeLoop]) -> Html:
         traces.append(style.line(omega, phase, color, **common, showlegend=False, yaxis="y2", hovertemplate=hover + "°<extra></extra>"))
     omega, _, phase = curves[0]
     arrows, reached = _margin_arrows(study, span, omega, phase)
-    levels = _range(np.concatenate([size for _, size, _ in curves]), FLOOR, 6.0)
+    levels = _range(np.concatenate([size for _, size, _ in curves]), FLOOR, 6.0, CEILING)
     angles = _range(np.concatenate([*(phase for *_, phase in curves), reached]), DEEPEST, 25.0)
     picture = style.layout(
         **style.frequency_axes(*span),
@@ -73,7 +73,10 @@ def response(loop: Loop, low: float, high: float) -> tuple[Floats, Floats, Float
     """
     assert loop.parts is not None
     omega = grid(loop, low, high)
-    value, turned = loop.response(omega), omega * loop.parts.drives[0].delay
+    value = loop.response(omega)
+    drawn = np.isfinite(value) & (value != 0)  # at the pole of a spring without damping there is neither size nor phase
+    omega, value = omega[drawn], value[drawn]
+    turned = omega * loop.parts.drives[0].delay
     phase = np.degrees(np.unwrap(np.angle(value * np.exp(1j * turned))) - turned)
     return omega, 20 * np.log10(np.abs(value)), phase - 360 * math.ceil((phase[0] - 1) / 360)
 
@@ -99,9 +102,9 @@ def frequency_span(study: JointStudy, shown: list[BodeLoop]) -> tuple[float, flo
     return max(low, 1e-5 * high), high
 
 
-def _range(values: Floats, least: float, margin: float) -> list[float]:
-    """Axis range that shows `values` from `least` up, with `margin` on either side."""
-    return [max(float(values.min()) - margin, least), float(values.max()) + margin]
+def _range(values: Floats, least: float, margin: float, most: float = math.inf) -> list[float]:
+    """Axis range that shows `values` from `least` up to `most`, with `margin` on either side."""
+    return [max(float(values.min()) - margin, least), min(float(values.max()) + margin, most)]
 
 
 def _margin_arrows(
