@@ -40,8 +40,9 @@ def current(drive: Drive, s: Complexes) -> Complexes:
     return 1 / (lag * lag + 2 * drive.damping_ratio * lag + 1)
 
 
-ASIDE = 1e-12
-"""Share that is added to a motor's inertia: at √(K/J_m) itself an undamped motor on its spring would be infinitely stiff."""
+def _beside_0(values: Complexes) -> Complexes:
+    """`values` with 1e-16, round-off of 1, in place of 0: at √(K/J_m) itself a link feels an undamped motor as infinitely stiff."""
+    return np.where(values == 0, 1e-16, values)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class LinkCompliance:
         """Impedance J_m s² + D_m s of the motors, and k⁻¹ of the gearboxes, each (k, n)."""
         plant, at = self.parts.plant, s[:, None]
         spring = np.where(plant.elastic, plant.stiffness, 1.0) + at * np.where(plant.elastic, plant.damping, 0.0)
-        motor = at * at * (plant.motor_inertia * (1 + ASIDE)) + at * plant.motor_viscous
+        motor = at * at * plant.motor_inertia + at * plant.motor_viscous
         return motor, np.where(plant.elastic, 1 / spring, 0.0)
 
     def stiffness(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
@@ -121,16 +122,16 @@ class LinkCompliance:
         """
         motor, soft = self._motors(s)
         if self.parts.feedback.link:
-            return (motor + fed) / (1 + soft * motor)
+            return (motor + fed) / _beside_0(1 + soft * motor)
         if self.parts.feedback.mixed:
             assert motors is not None
-            return (motor + fed) / (1 + soft * (motor + motors))
-        return (motor + fed) / (1 + soft * (motor + fed))
+            return (motor + fed) / _beside_0(1 + soft * (motor + motors))
+        return (motor + fed) / _beside_0(1 + soft * (motor + fed))
 
     def passed(self, s: Complexes, fed: Complexes) -> Complexes:
         """Change of each joint's stiffness per change of its feedback, dY/dE (k, n) at s (k,); `fed` (k, n) as `stiffness` takes it."""
         motor, soft = self._motors(s)
-        return 1 / (1 + soft * motor) if self.parts.feedback.link else 1 / (1 + soft * (motor + fed)) ** 2
+        return 1 / _beside_0(1 + soft * motor) if self.parts.feedback.link else 1 / _beside_0(1 + soft * (motor + fed)) ** 2
 
     def open(self, s: Complexes) -> tuple[Complexes, Complexes, Complexes]:
         """Motions of the links without gains, at s (k,): C₀ (k, n, n) by loads and ρ, σ (k, n) with which torques τ of the motors act.
@@ -138,7 +139,7 @@ class LinkCompliance:
         q = C₀ (τ_L + ρ τ) and θ = ρ q + σ τ.
         """
         motor, soft = self._motors(s)
-        share = 1 / (1 + soft * motor)
+        share = 1 / _beside_0(1 + soft * motor)
         size = self.parts.plant.size
         return self.on(s, share * motor).reshape(len(s), size, size), share, soft * share
 
@@ -148,7 +149,7 @@ class LinkCompliance:
         whole = fed.astype(complex)
         diagonals(whole)[:] += motor
         loose = np.zeros_like(whole) if self.parts.feedback.link else whole * soft[:, None, :]
-        diagonals(loose)[:] += 1 + (motor * soft if self.parts.feedback.link else 0.0)
+        diagonals(loose)[:] += _beside_0(1 + motor * soft) if self.parts.feedback.link else 1.0
         return np.linalg.solve(loose, whole)
 
     def of_one(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
