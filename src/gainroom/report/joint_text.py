@@ -121,9 +121,7 @@ def recommended_text(recommended: "Recommendation") -> str:
         parts.append(f"The {largest} would be {felt}.")
     idle = [f"the {title_of(name)}" for name in without if name not in recommended.felt]
     if idle:
-        parts.append(
-            f"Without {' or '.join(idle)} alone it would be the same." if felt else f"Without any of them the {largest} is the same."
-        )
+        parts.append(f"Without {' or '.join(idle)} alone it would be the same." if felt else f"No requirement costs any {largest}.")
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
 
 
@@ -263,6 +261,8 @@ def no_gains(system: System, prevented_by: Sequence[str]) -> str:
     """Warning without recommended gains, with remedies; `prevented_by`: the bounds that are the reason."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
+    if system.control.feedback.link and math.isfinite(system.source.stiffness):
+        remedies.append("feed the motor's velocity back (feedback: {kp: link, kd: motor})")
     if controller.has_held_gain:
         kind = f"{kind} gains with this file's {controller.held_ratio}, held constant,"
         remedies.insert(0, f"lower {controller.held_gain}")
