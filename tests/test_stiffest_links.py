@@ -108,6 +108,40 @@ def test_no_small_change_of_gains_is_better(biped, found):
     assert here < min(tried) + 1e-3
 
 
+GO2 = """\
+model: {package: example-robot-data, file: go2_description/urdf/go2.urdf, base: floating}
+joints: {default: {motor_inertia: 0.01, stiffness: .inf}, ".*_calf_joint": {motor_inertia: 0.02}}
+drive: {bandwidth: .inf, delay_ms: 3.0}
+postures: {stand: {".*_thigh_joint": 0.8, ".*_calf_joint": -1.6}}
+contacts: {four: [FEET], flight: []}
+control: {type: pd, feedback: motor, sample_rate_hz: 500, kp: 20, kd: 1}
+balance: controller
+""".replace("FEET", ", ".join(f"{{frame: {leg}_foot, type: point}}" for leg in ("FL", "FR", "RL", "RR")))
+
+
+@pytest.mark.slow
+def test_a_quadruped_is_as_stiff_as_from_gains_typed_at_random():
+    """Its costs have several minima; from gains of each joint alone the search ended where links are half as stiff."""
+    system = parse_robot(GO2, "go2")
+    tight = replace(system, requirements=system.requirements.tightened(1e-3))
+    cases = [joint_case("/".join(each), tight, system.source.linearize(*each), each[1]) for each in system.source.states]
+    legs = [[j, j + 3, j + 6, j + 9] for j in range(3)]
+    goal = goal_of("dynamic_stiffness", cases, np.ones(12), np.ones(12), legs)
+    best = recommend_robot(system, by_contact=False).everywhere
+    assert best is not None
+    own = np.array([best.kp, best.kd, np.zeros(12)])
+    rng, costs = np.random.default_rng(2), []
+    for _ in range(4):
+        kp, kd = np.tile(rng.uniform(1, 10, 3), 4), np.tile(rng.uniform(0.2, 1, 3), 4)
+        start = np.array([kp, kd, np.zeros(12)])
+        if all(case.known(start) for case in cases):
+            reached = raised_gains(cases, start, np.ones(12), legs, 1e9, objective="dynamic_stiffness")
+            if reached.holds:
+                assert goal.complete(reached.gains) or goal.complete(reached.gains)
+                costs.append(goal.at(reached.gains)[0].value)
+    assert goal.at(own)[0].value < min(costs) + 0.01
+
+
 def test_a_joint_damps_by_its_own_gains():
     """A light pelvis between legs and trunk: the product alone leaves one joint to the damping of the other, which it needs then."""
     legs, pelvis, trunk, delay, tick = 1.0, 0.02, 2.0, 3e-3, 2e-3

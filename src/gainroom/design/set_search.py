@@ -188,7 +188,8 @@ class SetSearch:
 
         With the largest kp as objective the first that does is taken, unless it is softer than `known`; then the next beginning is tried,
         too: the search is a local one. With dynamic stiffness of joints in all states, a third of the gains found so far is a beginning as
-        well. A beginning that failed for some of these cases alone would fail again: its result then counts as the nearest. After TRIED
+        well, and so are soft gains with equal rates: with gains of each joint alone a light joint starts far stiffer than its neighbours.
+        A beginning that failed for some of these cases alone would fail again: its result then counts as the nearest. After TRIED
         failures no further beginning is tried.
         """
         groups, best = _groups(states, self.beginning, free, self.images), None
@@ -222,8 +223,9 @@ class SetSearch:
             if self.objective == "largest_kp" or self.contact or not cases[0].joints:
                 return best
             third = bounds.within(moved(best.gains, np.full((2, best.gains.shape[1]), -math.log(SOFTER)), beginning.cascade))
-            if all(case.known(third) for case in cases) and _better(cases, found := search(third), best, goal.softer):
-                return found
+            for start in (third, _equal(beginning.even(), groups)):
+                if all(case.known(start) for case in cases) and _better(cases, found := search(start), best, goal.softer):
+                    best = found
             return best
         self._failed.extend(reached)
         first = beginning.first(weighed)

@@ -69,6 +69,14 @@ class Beginning:
         gains = np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
         return self.bounds.within(gains)
 
+    def even(self) -> Gains:
+        """Gains (3, m) of joints with the same rates kp/J and kd/J, below those of the slowest joint alone, and softly."""
+        kp, kd, ki = self.gains
+        inertia, some = self.unit / self.weight, kd > 0
+        slowest = float(np.min(kd[some] / inertia[some], initial=math.inf))
+        rates = slowest * float(np.median(kp[some] / kd[some])), slowest
+        return replace(self, gains=np.where(some, [rates[0] * inertia, rates[1] * inertia, ki], 0.0)).at(SHARES[1], SOFT[1])
+
     def first(self, weighed: bool) -> Gains:
         """Gains (3, m) with which a search begins, if they are stable."""
         return self.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
