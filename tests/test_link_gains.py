@@ -172,11 +172,12 @@ def check(joint, delay, step, asked=Asked()):
     assert asked.requirements.met_by(gr.margins(best))
     assert asked.met(joint, delay, step, np.array([found.kp]), np.array([found.kd]), 1 + SUMMED).all()
     assert own == pytest.approx(found.stiffness, rel=5e-3)  # what the search may miss of a peak between its frequencies, 3e-3, and more
-    wide, near = (np.geomspace(0.02, 20, 70), np.geomspace(0.05, 8, 70)), (np.geomspace(0.85, 1.17, 40),) * 2
-    better, kp, kd = best_on_grid(joint, delay, step, asked, found.kp * wide[0], found.kd * wide[1], 0.9 * own)
-    stiffest = better
-    for place in {(found.kp, found.kd), (kp, kd)}:  # a step of the grid to each side
-        stiffest = max(stiffest, best_on_grid(joint, delay, step, asked, place[0] * near[0], place[1] * near[1], own)[0])
+    wide = found.kp * np.geomspace(0.02, 20, 70), found.kd * np.geomspace(0.05, 8, 70)
+    stiffest, kp, kd = best_on_grid(joint, delay, step, asked, *wide, 0.9 * own)
+    around = [(found.kp, found.kd, 1.17), (found.kp, found.kd, 1.03)]  # a step of the grid to each side, and finer: corners are narrow
+    for kp_about, kd_about, ratio in [*around, *([(kp, kd, 1.17)] if stiffest else [])]:
+        near = np.geomspace(1 / ratio, ratio, 40)
+        stiffest = max(stiffest, best_on_grid(joint, delay, step, asked, kp_about * near, kd_about * near, own)[0])
     assert stiffest <= 1.01 * own, (stiffest / own, joint, delay, step, asked, found.kp, found.kd, kp, kd)
     return stiffest / own - 1
 
