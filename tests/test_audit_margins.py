@@ -227,3 +227,25 @@ def test_what_cannot_be_asked_for_is_refused(capsys: pytest.CaptureFixture[str],
     assert main(["audit", LEG, "--delay-ms", "1", option, value]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert option in line
+
+
+def test_gains_that_are_too_low_are_raised_together(capsys: pytest.CaptureFixture[str]):
+    """J s² + (kd s + kp) e^{−sT} of a rigid joint has ζ = (kd − kp T)/(2 √(kp J)), which grows with the root of a factor on both."""
+    joint = gr.ElasticJoint(0.2, 0.4)
+
+    def meets(factor: float) -> bool:
+        loop = gr.build_loop(joint, gr.Drive(delay=1e-3), gr.PD(20.0 * factor, 1.8 * factor), sample_time=1e-3)
+        return gr.Requirements.usual().met_by(gr.margins(loop))
+
+    assert not meets(1.0)
+    assert meets(3.0)
+    Path("soft.xml").write_text(MODEL.format(load=0.4), "utf-8")
+    Path("soft.yaml").write_text(yaml.safe_dump({"j": {"kp": 20.0, "kd": 1.8, "motor_inertia": 0.2}}), "utf-8")
+    for gearbox, raised in ((["--stiffness", "inf"], True), ([], False)):
+        main(["audit", "soft.xml", "--gains", "soft.yaml", "--delay-ms", "1", "--rate-hz", "1000", *gearbox, "--json"])
+        found = json.loads(capsys.readouterr().out)["to_use"]
+        assert (found is not None) is raised  # where nobody said that the gearbox is rigid, higher gains are no advice
+        if raised:
+            assert found["factor"] > 1
+            assert meets(found["factor"])
+            assert not meets(found["factor"] / 1.02)

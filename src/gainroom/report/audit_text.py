@@ -247,7 +247,8 @@ def what_to_do(
         return Advice(heading, lines if shown else ())
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
-    none = "No common factor on the gains was found that gives all margins, neither below 1 nor up to 3."
+    tried = "below 1" if result.has_kd_path or result.assumed_rigid.any() else "up to 3"
+    none = f"No common factor {tried} on the gains was found that gives all margins."
     if result.has_kd_path:
         return Advice(f"{none} Gains whose kd closes on another clock are not searched: lower kp or kd, and audit again.")
     if result.system.source.unknown.get("motor_inertia_unknown"):

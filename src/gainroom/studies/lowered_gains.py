@@ -67,6 +67,8 @@ class AuditOfGains(Protocol):
     def safe(self) -> bool: ...
     @property
     def has_kd_path(self) -> bool: ...
+    @property
+    def assumed_rigid(self) -> Booleans: ...
     @cached_property
     def scale(self) -> float: ...
     def enough_together_in(self, state: State) -> bool: ...
@@ -150,7 +152,7 @@ def gains_over_range(result: SomeAudit) -> GainsToUse[SomeAudit] | None:
 
 def _raised_together(result: AuditOfGains) -> Iterator[float]:
     """The least factor above 1 on all gains that is safe, within 1 % and of three digits, by samples; none if RAISES contain none."""
-    if result.has_kd_path:
+    if result.has_kd_path or result.assumed_rigid.any():  # elastic gearboxes, which nobody has excluded, may not bear higher gains
         return
     every, most, held = np.ones(len(result.joints), dtype=bool), min(state.limit.gain for state in result.states) / result.margin, 1.0
     for factor in RAISES:
