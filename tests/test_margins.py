@@ -176,7 +176,7 @@ def test_unstable_loops_have_no_margins(sample_time):
     assert found.unstable_roots == 2
     numbers = [value for value in vars(found).values() if isinstance(value, float)]
     numbers += [found.gain_margin, found.phase_crossover, found.lower_gain_margin, found.lower_phase_crossover]
-    assert len(numbers) == 14
+    assert len(numbers) == 15
     assert all(isnan(value) for value in numbers)
     assert found.phase_crossings
     assert found.gain_crossings

@@ -184,7 +184,7 @@ class Margins:
     phase_certificate, delay_certificate   roots counted on both sides; None where there is no such margin, and for n = 1
     paths                        where kd closes on a path of its own; else None
     phase_crossings, gain_crossings   all of them for n = 1; in continuous time down to |L| = 0.001, or to where no nearer one can follow
-    sway_damping_ratio           least damping ratio of a floating base's sway; inf where nothing sways, or nobody asked (design/swaying.py)
+    sway_damping_ratio           least damping ratio of a floating base's sway; NaN where nothing sways, or nobody asked (design/swaying.py)
     loops                        whose margins these are: one, or all of which they are the worst; () where they are not known. Requirements
                                  on what is no margin are measured there
     """
@@ -207,7 +207,7 @@ class Margins:
     phase_certificate: Certificate | None = None
     delay_certificate: Certificate | None = None
     paths: PathMargins | None = None
-    sway_damping_ratio: float = math.inf
+    sway_damping_ratio: float = math.nan
     phase_crossings: tuple[PhaseCrossing, ...] = ()
     gain_crossings: tuple[GainCrossing, ...] = ()
     loops: tuple[Loop, ...] = field(default=(), repr=False, compare=False)
@@ -363,7 +363,7 @@ def worst_of(found: Sequence[Margins]) -> Margins:
         certified=np.all([one.certified for one in loops], axis=0),
     )
     values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
-    values["sway_damping_ratio"] = min(one.sway_damping_ratio for one in found)
+    values["sway_damping_ratio"] = float(np.fmin.reduce([one.sway_damping_ratio for one in found]))
     paths = [one.paths for one in found if one.paths is not None]
     of_paths = PathMargins(
         others=min(one.others for one in paths),

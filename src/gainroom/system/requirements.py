@@ -167,6 +167,11 @@ class TorqueNoise(Requirement):
 class SwayDamping(Requirement):
     """Damping ratio ζ > 0 of a floating base's least damped sway; ∞ where nothing sways."""
 
+    def value(self, found: MarginRecord) -> float:
+        """Damping ratio of the least damped sway; inf of a stable loop in which nothing sways."""
+        ratio = super().value(found)
+        return math.inf if found.stable and math.isnan(ratio) else ratio
+
     def shortfall(self, needed: float, value: float) -> float:
         """Shortfall relative to the required ratio, which a loop may have on either side of 0; inf where the value is not known."""
         return math.inf if math.isnan(value) else 1 - value / needed
