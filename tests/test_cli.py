@@ -198,7 +198,7 @@ def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
     out = said("talos-knee", "--verbose").out
     assert "recommended (worst case)" in out
     assert "recommended (nominal)" in out
-    assert "(worst case: delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
+    assert "(worst case: delay 3 ms, stiffness 12\u202f000 N·m/rad" in " ".join(out.split("\n"))
     assert "sampled model, 2\u202f000 Hz" in out
     best = strict_json(said("talos-knee", "--json").out)["recommended"]
     worst, stated = best["margins"], best["nominal"]
