@@ -1,9 +1,9 @@
 """Worst place in a system's uncertainty among those tried: where gains have the least left of the requirements, in any state.
 
-Tried are the corners and places between for all joints together, a scan from soft to stiff gearboxes, places at which joints differ, and a
-bounded search about the worst of those. A stiffer gearbox may be worse, where its resonance meets the phase of the delay; and gains that
-hold with all joints at equal shares may fail where joints differ. Every place is judged by sampled margins; between places nothing is
-proved.
+Tried are the corners and places between for all joints together, a scan from soft to stiff gearboxes and one along the delay, places at
+which joints differ, and a bounded search about the worst of those. A stiffer gearbox, or more delay, may be better or worse, as a resonance
+meets the phase of the delay; and gains that hold with all joints at equal shares may fail where joints differ. Every place is judged by
+sampled margins; between places nothing is proved.
 """
 
 import math
@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..system.linear.arrays import Floats
 from ..system.system import StateCase, System
 from ..system.uncertainty import Place, Share, is_end
 from .loop_numbers import LATE, bounded_margins, extra_delay, first_factor
@@ -21,7 +22,7 @@ from .progress import Progress, quiet
 from .sway import without_sway
 
 GEARBOX = ("resonance", "stiffness", "damping_ratio", "damping")
-"""Quantity that a scan from stiff to soft varies, the first of these that is uncertain."""
+"""Quantity of the gearboxes that is scanned, the first of these that is uncertain."""
 
 
 class PlacedState(Protocol):
@@ -44,7 +45,7 @@ class Tries:
 
     turn: float = math.pi / 3  # [rad] of a resonance's phase, by the delay, from one place of the scan to the next
     factor: float = 1.3  # largest ratio of resonances from one place of the scan to the next
-    scanned: int = 24  # from softest to stiffest, at most
+    scanned: int = 24  # of one scan from end to end, at most
     inside: int = 8  # places of a Halton sequence, all joints together
     mixed: int = 12  # draws of joints that differ
     near: float = 0.4  # in ln of a gain: a worst that is further from what is required is not searched about
@@ -141,12 +142,14 @@ class _Search:
         self.system, self.states, self.progress, self.tries = system, states, progress, tries
         self.uncertain, self.size = system.uncertainty, len(system.source.joint_names)
         self.names, self.tried = self.uncertain.names, dict[Place, Tried]()
-        self.scanned = next((self.names.index(name) for name in GEARBOX[:2] if name in self.names), None)
+        self.gearbox = next((self.names.index(name) for name in GEARBOX[:2] if name in self.names), None)
         self.expected = len(self.uncertain.corners) + tries.inside + tries.mixed + tries.searched + 2 * tries.scanned + self.size
 
     def run(self) -> None:
-        if self.scanned is not None:  # most of what is unsafe shows here, which ends the search where that is all that is asked
-            self.scan()
+        if self.gearbox is not None:  # most of what is unsafe shows here, which ends the search where that is all that is asked
+            self.scan(self.gearbox, self.stiff_to_soft())
+        if "delay" in self.names and len(shares := self.late_to_early()) > 2:  # a resonance's phase turns between the ends
+            self.scan(self.names.index("delay"), shares)
         for place in [*self.uncertain.corners, *self.uncertain.inside(self.tries.inside)]:
             self.at(place)
         for place in self.uncertain.mixed(self.size, self.tries.mixed):
@@ -167,10 +170,8 @@ class _Search:
     def worst(self) -> Tried:
         return max(self.tried.values(), key=lambda one: one.order)
 
-    def scan(self) -> None:
-        """Scan from stiff to soft with everything else low, and high; each peak of the shortfall is followed to its top."""
-        shares, which = self.shares(), self.scanned
-        assert which is not None
+    def scan(self, which: int, shares: Sequence[float]) -> None:
+        """Scan along one quantity with everything else low, and high; each peak of the shortfall is followed to its top."""
         for end in (0.0, 1.0):
 
             def at(share: float, end: float = end) -> float:
@@ -197,20 +198,39 @@ class _Search:
                     if settled:
                         break
 
-    def shares(self) -> list[float]:
+    def ends(self, which: int) -> tuple[Floats, Floats]:
+        """Ends (n,) of the range of one quantity."""
+        low, high = (np.broadcast_to(np.asarray(end, dtype=float), self.size) for end in getattr(self.uncertain, self.names[which]))
+        return low, high
+
+    @property
+    def lighter(self) -> Floats:
+        """Ratio (n,) of each joint's resonance to that of its motor alone on the gearbox, the largest in any state."""
+        loads = [np.diagonal(state.model.link_inverse_inertia) for state in self.states]
+        return np.sqrt(1 + self.system.source.quantities["motor_inertia"] * np.max(loads, axis=0))
+
+    def late_to_early(self) -> list[float]:
+        """Shares of the range of delay from 1 to 0, in steps that change no joint's resonance phase by more than Tries.turn."""
+        values, (low, high) = self.system.source.quantities, self.ends(self.names.index("delay"))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            resonance = np.sqrt(values["stiffness"] / values["motor_inertia"]) * self.lighter
+        turned = (high - low) * np.where(np.isfinite(resonance), resonance, 0.0)
+        count = min(max(math.ceil(float(np.max(turned)) / self.tries.turn), 1), self.tries.scanned)
+        return np.linspace(1.0, 0.0, count + 1).tolist()
+
+    def stiff_to_soft(self) -> list[float]:
         """Shares of the range of stiffness from 1 to 0, in steps that change no joint's resonance phase by more than Tries.turn."""
-        assert self.scanned is not None
-        low, high = (np.broadcast_to(np.asarray(end, dtype=float), self.size) for end in getattr(self.uncertain, self.names[self.scanned]))
+        assert self.gearbox is not None
+        low, high = self.ends(self.gearbox)
         inertia = self.system.source.quantities["motor_inertia"]
-        if self.names[self.scanned] == "stiffness":
+        if self.names[self.gearbox] == "stiffness":
             with np.errstate(divide="ignore", invalid="ignore"):
                 low, high = np.sqrt(low / inertia), np.sqrt(high / inertia)
         wide = np.isfinite(low) & np.isfinite(high) & (low > 0) & (high > low)
         if not wide.any():
             return [0.0, 1.0]
         low, span = low[wide], np.log(high[wide] / low[wide])
-        loads = [np.diagonal(state.model.link_inverse_inertia) for state in self.states]
-        turned = self.system.lag * np.sqrt(1 + inertia * np.max(loads, axis=0))[wide]  # by [rad/s] of the motor's, at the joint's resonance
+        turned = self.system.lag * self.lighter[wide]  # by [rad/s] of the motor's, at the joint's resonance
         found = [1.0]
         while found[-1] > 0:
             omega = low * np.exp(span * found[-1])
@@ -229,10 +249,10 @@ class _Search:
 
         best = self.worst
         groups = image_groups(self.system.source.joint_names)
-        for group in dict.fromkeys(groups) if self.scanned is not None and self.tries.apart else ():
+        for group in dict.fromkeys(groups) if self.gearbox is not None and self.tries.apart else ():
             for end in (0.0, 1.0):
                 apart = tuple(end if one == group else 1 - end for one in groups)
-                self.at(tuple(apart if k == self.scanned else share for k, share in enumerate(best.place)))
+                self.at(tuple(apart if k == self.gearbox else share for k, share in enumerate(best.place)))
         best, left = self.worst, self.tries.searched
         moves = list(self.moves(by_joint))
         while left > 0 and best.shortfall > -self.tries.near:
