@@ -17,7 +17,7 @@ from gainroom.analysis.stability import rightmost_roots
 from gainroom.cli import main
 from gainroom.cli.example import example_texts
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.robot.sway import NEAR, SlowMode, bands, slow_modes
+from gainroom.robot.sway import NEAR, SlowMode, SlowMotion, bands
 from gainroom.studies.analysis import analyze
 from gainroom.studies.verdict import STATUS
 from gainroom.system.feedback import Feedback
@@ -83,7 +83,7 @@ def test_the_mode_of_a_torso_on_its_ankle(tmp_path: Path):
     """By hand: ω² = kp/J, and all of the motion is the base's but for the motor's."""
     system = load_robot_system(standing(tmp_path))
     (state,) = analyze(system).states
-    (mode,) = slow_modes(state.model, state.controller, Feedback.of("motor"))
+    (mode,) = SlowMotion.of(state.model).modes(state.controller, Feedback.of("motor"))
     assert mode.frequency == pytest.approx(math.sqrt(KP / LOAD), rel=1e-4)  # the foot's 1e-3 kg and 1e-6 kg m² beside the torso's
     assert mode.of_base == pytest.approx(1 - ROTOR / LOAD, rel=1e-3)
     assert state.sway is not None
@@ -105,16 +105,16 @@ def test_a_gearbox_is_in_series_with_its_gain(tmp_path: Path):
     """Of slow motion: 1/K₀ = 1/kp + 1/K, here K = kp, so that the frequency is that of half the gain."""
     joints = {"default": {"motor_inertia": ROTOR, "stiffness": KP, "damping": 0.1}}
     (state,) = analyze(load_robot_system(standing(tmp_path, joints=joints))).states
-    (mode,) = slow_modes(state.model, state.controller, Feedback.of("motor"))
+    (mode,) = SlowMotion.of(state.model).modes(state.controller, Feedback.of("motor"))
     assert mode.frequency == pytest.approx(math.sqrt(KP / 2 / LOAD), rel=2e-3)  # the motor, J_m of LOAD, moves half as far
-    (linked,) = slow_modes(state.model, state.controller, Feedback.of("link"))
+    (linked,) = SlowMotion.of(state.model).modes(state.controller, Feedback.of("link"))
     assert linked.frequency == pytest.approx(math.sqrt(KP / LOAD), rel=1e-4)
 
 
 def test_what_delay_has_a_part_in_is_no_sway(tmp_path: Path):
     """At 15 ms and a tick the lag takes 0.06 rad at 3.8 rad/s: the mode is damped less by that."""
     (state,) = analyze(load_robot_system(standing(tmp_path, drive={"bandwidth": math.inf, "delay_ms": 15.0}))).states
-    assert len(slow_modes(state.model, state.controller, Feedback.of("motor"))) == 1
+    assert len(SlowMotion.of(state.model).modes(state.controller, Feedback.of("motor"))) == 1
     assert state.sway is None
 
 

@@ -36,7 +36,7 @@ def joint_case(title: str, system: System, model: Any, contact: str = "") -> Gai
 
 def _sway(system: System, model: Any, loop: Callable[[Gains], Loop]) -> Swaying | None:
     """Sway of a floating base on its contacts; None of other models."""
-    if system.source.body is None or system.source.body.base == "fixed":
+    if system.source.body is None:
         return None
     from ..robot.sway import SlowMotion  # the whole robot, which a joint does without
 

@@ -352,7 +352,7 @@ def _shortage(margins: Margins, required: Requirements) -> str:
     name = required.missed(margins)
     if name in ("stability", ""):
         return "unstable" if name else "margins that are not certified"
-    one, needed = next(pair for pair in required.asked_for if pair[0].name == name)
+    one, needed = required.asked_by(name)
     texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
     found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
     return f"{one.named(margins)} {found} of {asked}"

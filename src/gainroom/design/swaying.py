@@ -52,7 +52,7 @@ class Swaying:
     """
 
     def __init__(self, motion: "SlowMotion", system: System, loop: Callable[[Floats], Loop]) -> None:
-        self._motion, self._loop, self._limit = motion, loop, system.lag
+        self._motion, self._loop, self._latest = motion, loop, system.lag
         self._feedback: Feedback = system.control.feedback
         self._lag = np.array(system.torque_lags)
         self._known: tuple[bytes, SwayAt] | None = None
@@ -65,12 +65,9 @@ class Swaying:
         return self._known[1]
 
     def _at(self, gains: Floats) -> SwayAt:
-        from ..robot.sway import bands, swaying  # the whole robot, which a joint does without
-
         parts = self._loop(gains).parts
         assert parts is not None
-        modes = self._motion.modes(parts.controller, self._feedback)
-        found = swaying(modes, self._limit)
+        found, bands = self._motion.sway(parts.controller, self._feedback, self._latest)
         kp, kd = gains[:2]
         stiffness = self._motion.model.stiffness
         part = np.ones(len(kp)) if self._feedback.link else np.divide(1.0, 1.0 + kp / stiffness)
@@ -82,4 +79,4 @@ class Swaying:
         whole = share @ own
         stiffer = share * part * (own - 0.5 * whole[:, None] - rate) - share * (1 - part) * own
         slope = np.stack([half * stiffer, half * share * part * rate], axis=1)
-        return SwayAt(frequency, bands(modes, found), half[:, 0] * whole, slope)
+        return SwayAt(frequency, bands, half[:, 0] * whole, slope)

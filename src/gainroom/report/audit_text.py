@@ -18,7 +18,7 @@ from ..io.as_typed import as_typed
 from ..studies.audit import Audit
 from ..studies.critical_joints import joints_that_miss
 from ..studies.factors import typed_factor
-from ..studies.lowered_gains import GainsToUse
+from ..studies.safe_gains import GainsToUse
 from ..studies.state import HELD, USUAL_RATE
 from ..studies.verdict import Verdict
 from ..system.margin_units import to_db

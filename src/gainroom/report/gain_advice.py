@@ -208,7 +208,7 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     from .recommended_gains import links_text, none_text, sway_text  # loads the search for gains, which audits do without
 
     if study.to_use is None:
-        return ToUse(none_text(study)) if none_text(study) else NOTHING
+        return ToUse(none_text(study))
 
     gains, found = study.to_use
     remarks, usual, asked = [], study.recommended_at_usual_rate, study.system.requirements

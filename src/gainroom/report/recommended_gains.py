@@ -107,7 +107,7 @@ def sway_text(gains: RobotGains, found: GainSet, required: Requirements, balance
     if not held:
         return ""
     first = min(held, key=lambda j: found.kp[j])
-    one, needed = next(pair for pair in required.asked_for if pair[0].name == found.margin[first])
+    one, needed = required.asked_by(found.margin[first])
     return (
         f"{one.label[:1].upper()}{one.label[1:]} {one.sign} {one.text(needed)} on sway of the base in {found.case[first]} is what keeps "
         f"{listed([gains.names[j] for j in held])} at kp {digits(float(found.kp[first]), '', 3)}{'' if len(held) == 1 else ' and more'}. "

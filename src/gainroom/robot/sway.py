@@ -91,16 +91,11 @@ class SlowMotion:
             found.append(SlowMode(float(np.sqrt(square.real)), share, mode, stored / stored.sum()))
         return tuple(sorted(found, key=lambda one: one.frequency))
 
-
-def slow_modes(model: RobotModel, controller: Controller, feedback: Feedback) -> tuple[SlowMode, ...]:
-    """Slow modes of a floating robot on its contacts, by rising frequency; () for a fixed base and in flight."""
-    slow = SlowMotion.of(model)
-    return () if slow is None else slow.modes(controller, feedback)
-
-
-def swaying(modes: Sequence[SlowMode], lag: float) -> tuple[SlowMode, ...]:
-    """Those of `modes` that are sway, with a period long beside `lag` [s], the loop's lag by drives, delay and sampling."""
-    return tuple(one for one in modes if one.sways and lag * one.frequency <= LATE)
+    def sway(self, controller: Controller, feedback: Feedback, lag: float) -> tuple[tuple[SlowMode, ...], Floats]:
+        """Modes that sway, of loops with a lag [s] of drives, delay and sampling, and their frequency bands (k, 2) [rad/s]."""
+        modes = self.modes(controller, feedback)
+        found = tuple(one for one in modes if one.sways and lag * one.frequency <= LATE)
+        return found, bands(modes, found)
 
 
 def bands(modes: Sequence[SlowMode], which: Sequence[SlowMode]) -> Floats:

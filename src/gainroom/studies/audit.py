@@ -29,9 +29,9 @@ from .analysis import Analysis, analyze, verdict_of
 from .critical_joints import critical_joints_in, joints_that_miss, margins_by_joint
 from .factors import largest_factor
 from .loop_numbers import extra_delay, margins_of
-from .lowered_gains import GainsToUse, gains_over_range, gains_to_use
 from .over_uncertainty import unknown_first
 from .progress import Progress, quiet
+from .safe_gains import GainsToUse, gains_over_range, gains_to_use
 from .state import State, path_headroom, state_of
 from .sway import without_sway
 from .verdict import Finding, Reading, Verdict
@@ -355,9 +355,7 @@ class Audit(Analysis):
 
     @cached_property
     def _cases(self) -> list[tuple[GainCase, Gains]] | None:
-        """Cases of every state for the core; None if it does not sample this controller, or another controller is to damp sway."""
-        if self.system.balance == "controller" and any(state.sway for state in self.states):
-            return None
+        """Cases of every state for the core; None if it does not sample this controller."""
         cases = [own_case(state.title, state.system, state.model) for state in self._held_states]
         return None if any(case is None for case in cases) else [case for case in cases if case is not None]
 

@@ -117,27 +117,21 @@ class RobotStudy(Analysis):
 
     @property
     def most_raised(self) -> float:
-        """Largest ratio of a recommended gain to the present one, of joints that have both; 1 in task space."""
-        if self.to_use is None or self.to_use[0].space != "joint" or self.system.control.space != "joint":
+        """Largest ratio of a recommended gain to the present one; 1 at least, of gains per joint only, and where there is a present one."""
+        if self.to_use is None or self.system.control.space != "joint":
             return 1.0
         found = self.to_use[1]
         present = self.system.control.controller.matrices(len(found.kp))
-        ratios = [1.0]
-        for gain, powers in ((found.kp, (0, 0)), (found.kd, (1, 0))):
-            now = np.diagonal(present.get(powers, np.zeros((len(gain), len(gain)))))
-            ratios += (gain[(now > 0) & ~np.isnan(gain)] / now[(now > 0) & ~np.isnan(gain)]).tolist()
-        return max(ratios)
+        pairs = ((found.kp, present.get((0, 0))), (found.kd, present.get((1, 0))))  # a P/PI's kp is no torque per angle
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = np.array([gain / np.diagonal(now) for gain, now in pairs if now is not None])
+        return float(np.max(ratios, initial=1.0, where=np.isfinite(ratios)))
 
     @property
     def raised(self) -> bool:
         """True if a recommended gain exceeds its present value times the limit of the common factor on all gains."""
-        limit, control = self.tightest.limit, self.system.control
-        if self.to_use is None or control.space != "joint" or not (limit.stable and math.isfinite(limit.gain)):
-            return False
-        found = self.to_use[1]
-        present = control.controller.matrices(len(found.kp))
-        pairs = ((found.kp, present.get((0, 0))), (found.kd, present.get((1, 0))))  # a P/PI's kp is no torque per angle
-        return any(now is not None and bool(np.any(gain > limit.gain * np.diagonal(now))) for gain, now in pairs)
+        limit = self.tightest.limit
+        return limit.stable and self.most_raised > limit.gain
 
     @cached_property
     def controllers_to_use(self) -> tuple[Controller, ...]:

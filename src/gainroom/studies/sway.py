@@ -44,17 +44,19 @@ def sway_of(case: StateCase, loop: Loop) -> Sway | None:
     """Sway of one state with its loop; None if nothing sways, if tasks hold the base, and if kd has a separate path."""
     if case.system.source.body is None or case.system.control.space == "task" or loop.kd_path is not None or loop.parts is None:
         return None
-    from ..robot.sway import bands, slow_modes, swaying  # the whole robot, which a joint does without
+    from ..robot.sway import SlowMotion  # the whole robot, which a joint does without
 
-    modes = slow_modes(case.model, loop.parts.controller, case.system.control.feedback)
-    held = swaying(modes, case.system.lag)
+    motion = SlowMotion.of(case.model)
+    if motion is None:
+        return None
+    held, bands = motion.sway(loop.parts.controller, case.system.control.feedback, case.system.lag)
     if not held:
         return None
     found = [(_root(loop, one), one) for one in held]
     root, least = min(found, key=lambda pair: math.inf if pair[0] is None else -pair[0].real / abs(pair[0]))
     ratio = math.nan if root is None else -root.real / abs(root)
     omega = least.frequency if root is None else abs(root)
-    return Sway(held, bands(modes, held), omega, ratio, least.joints)
+    return Sway(held, bands, omega, ratio, least.joints)
 
 
 def without_sway(case: StateCase, found: Margins, loop: Loop | None = None) -> Margins:

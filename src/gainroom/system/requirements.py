@@ -363,6 +363,10 @@ class Requirements:
         """Names of the requirements asked for."""
         return tuple(self.needed)
 
+    def asked_by(self, name: str) -> tuple[Requirement, float]:
+        """The requirement `name`, which is asked for, and its value."""
+        return next(pair for pair in self.asked_for if pair[0].name == name)
+
     def only(self, *names: str) -> "Requirements":
         """Requirements restricted to `names`."""
         return self._of((one, needed) for one, needed in self.asked_for if one.name in names)
@@ -383,7 +387,10 @@ class Requirements:
 
     def met(self, name: str, value: float) -> bool | None:
         """True if `value` meets the requirement `name` within ROUND_OFF; None where it is not asked for, False for NaN."""
-        return next((one.met(needed, value) for one, needed in self.asked_for if one.name == name), None)
+        if name not in self.needed:
+            return None
+        one, needed = self.asked_by(name)
+        return one.met(needed, value)
 
     def met_by(self, found: MarginRecord) -> bool:
         """True if the loop of `found` is stable and meets every requirement."""
