@@ -119,7 +119,7 @@ class PDRegion:
         return free
 
     def _shortfalls(self, one: Requirement, needed: float, kps: Floats, kds: Floats) -> Floats:
-        """By how much (m,) stable gains kps and kds (m,) miss `one`; 0 or less: they meet it."""
+        """Shortfalls (m,) of stable gains kps and kds (m,) against the requirement `one`; 0 or less: they meet it."""
         values = None
         if one.is_measured:
             if one.name not in self._measures:

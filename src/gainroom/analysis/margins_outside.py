@@ -29,7 +29,7 @@ def margins_outside(loop: Loop, found: Margins, bands: Floats) -> Margins:
 
 
 def outside(samples: LoopSamples | None, found: Margins, bands: Floats) -> Margins:
-    """The same from samples of the loop, as far as these reach: inf and 0 beyond."""
+    """Margins of `margins_outside` from samples of the loop; a phase margin beyond their reach is inf, a sensitivity 0."""
     size = len(found.one_loop.gain_margin)
     phase, crossover = math.nan, math.nan
     own, peaks, peak_at = np.full(size, math.nan), np.full(size, math.nan), math.nan

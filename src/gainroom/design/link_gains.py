@@ -163,7 +163,7 @@ class _Search:
         return self.best_from(polish=False) or self.best_from(polish=True)
 
     def best_from(self, polish: bool) -> Stiffest | None:
-        """The same, with a ladder that is polished or not."""
+        """Gains as `run` returns them, from a ladder on which what is allowed is polished or not."""
         ladder = self.on_ladder(polish)
         values = np.array([line.best for line in ladder])
         padded = np.concatenate([[-math.inf], values, [-math.inf]])

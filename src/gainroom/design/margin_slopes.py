@@ -354,7 +354,7 @@ class _Curves:
         return found[0][:, 0], found[1].reshape(len(found[1]), 2, self.case.torque.shape[1])
 
     def _outside(self, found: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """The same at frequencies outside `bands`."""
+        """Margins and derivatives as `_moving` returns them, at frequencies outside `bands` only."""
         omega = found[0][:, 1:]
         kept = ~np.any((omega > self.bands[:, 0]) & (omega < self.bands[:, 1]), axis=1)
         return self._moving((found[0][kept], found[1][kept]))

@@ -156,10 +156,9 @@ def equal_joints(system: System) -> tuple[tuple[int, ...], ...]:
     if system.groups is not None:
         grouped = {k for group in system.groups for k in group}
         return (*system.groups, *((k,) for k in range(len(system.source.joint_names)) if k not in grouped))
-    from ..robot.mirror_names import image_groups  # loads what a single joint does not need
+    from ..robot.mirror_names import images  # loads what a single joint does not need
 
-    of = image_groups(system.source.joint_names)
-    return tuple(tuple(k for k, first in enumerate(of) if first == one) for one in dict.fromkeys(of))
+    return images(system.source.joint_names)
 
 
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:

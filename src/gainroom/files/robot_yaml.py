@@ -23,7 +23,7 @@ from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
 from ..robot.gearbox_types import ranges_of, sources
-from ..robot.mirror_names import image_groups
+from ..robot.mirror_names import images
 from ..robot.name_patterns import DEFAULT, assign, select_all, strongest
 from ..robot.robot import Posture, Robot, moved_inertia
 from ..robot.tasks import Task
@@ -355,8 +355,7 @@ def _bounds(file: RobotFile, body: RigidBody, groups: Sequence[Sequence[int]] | 
         section.require_right()
     per_joint = [{name: value for section in found for name, value in section.given.items()} for found in assigned]
     names = {name for given in per_joint for name in given}
-    of = image_groups(body.joint_names)
-    equal = groups if groups is not None else [[k for k, first in enumerate(of) if first == one] for one in dict.fromkeys(of)]
+    equal = images(body.joint_names) if groups is None else groups
     for group in [*([k] for k in range(body.size)), *equal]:
         for gain in ("kp", "kd"):
             least, most = f"{gain}_min", f"{gain}_max"

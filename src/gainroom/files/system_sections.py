@@ -474,7 +474,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
 
     @relation
     def _bounds_of_its_gains(self) -> Refusals:
-        """Of `gain_bounds`, which each kind of file has in its own form."""
+        """Refusal of `gain_bounds` for a type of controller without kp and kd."""
         names, kind = ("kp", "kd"), self.control.type
         if self.is_given("gain_bounds") and not set(names) <= {*CONTROLLERS[kind].gain_names()}:
             kinds = [name for name, one in CONTROLLERS.items() if set(names) <= {*one.gain_names()}]

@@ -228,7 +228,7 @@ def _robot_gains(study: "RobotStudy", call: str) -> ToUse:
     remarks += _clock(study)
     if study.most_raised > MANY:
         left_out = [*["the stiffness of gearboxes that count as rigid"] * bool(np.isinf(study.system.source.actuators.stiffness).any())]
-        left_out += ["encoder noise", "torque limits"]
+        left_out += ["encoder noise"] * (not all(one.resolution for one in study.system.drives)) + ["torque limits"]
         remarks.append(
             f"These are up to {digits(study.most_raised, '×', 2)} the present ones, as far as this model's margins go. What it leaves out, "
             f"{listed(left_out)}, may end sooner: bound the gains (`gain_bounds`), and raise them in steps."

@@ -27,3 +27,9 @@ def image_groups(names: Sequence[str]) -> tuple[int, ...]:
     first: dict[str, int] = {}
     stems = [without_side(name) or name for name in names]
     return tuple(first.setdefault(stem, k) for k, stem in enumerate(stems))
+
+
+def images(names: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    """Groups of joints, by index, that are mirror images of each other; every joint is in one."""
+    of = image_groups(names)
+    return tuple(tuple(k for k, first in enumerate(of) if first == one) for one in dict.fromkeys(of))
