@@ -11,9 +11,11 @@ import yaml
 
 pytest.importorskip("pinocchio")
 
+import gainroom
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
+from gainroom.simulation.step_response import step_response
 from gainroom.studies.robot import study_robot
 from robot_truths import hinge, link
 
@@ -43,6 +45,32 @@ def stiffness(kp: float, kd: float) -> float:
     """Dynamic stiffness of the elbow's link, as one joint [N m/rad]."""
     joint, drive = gr.ElasticJoint(ROTOR, INERTIA, SPRING, DAMPING), gr.Drive(4000.0, 0.9, 2e-3)
     return gr.dynamic_stiffness(gr.build_loop(joint, drive, gr.PD(kp, kd), sample_time=1e-3)).least
+
+
+def test_links_move_over_time_as_that_of_the_same_joint_by_itself(tmp_path: Path):
+    study = study_robot(load_robot_system(arm(tmp_path)), recommend=False)
+    found = study.link_motion
+    assert found is not None
+    assert found.joints == ("elbow",)
+    joint, drive = gr.ElasticJoint(ROTOR, INERTIA, SPRING, DAMPING), gr.Drive(4000.0, 0.9, 2e-3)
+    own = step_response(gr.build_loop(joint, drive, gr.PD(300.0, 12.0), sample_time=1e-3))
+    for name in ("link_step", "link_load"):
+        swing, alone = getattr(found.responses[0], name), getattr(own, name)
+        assert swing.overshoot == pytest.approx(alone.overshoot, rel=1e-6)  # its inertia comes out of the model to 9 digits
+        assert swing.settling_time == pytest.approx(alone.settling_time, abs=1.01e-3)  # a tick
+    assert found.responses[0].load.link_rest == pytest.approx(1 / 300 + 1 / SPRING, rel=1e-6)
+
+
+def test_links_of_a_robot_rest_where_gains_and_gearboxes_let_them():
+    """Under a load between its two links alone a joint with its own gains gives way by 1/kp + 1/K, others by nothing."""
+    study = study_robot(load_robot_system(Path(gainroom.__path__[0]) / "files/examples/biped.yaml"), recommend=False)
+    found = study.link_motion
+    assert found is not None
+    assert len(found.joints) == 12
+    for one in found.responses:
+        assert one.load.link_rest == pytest.approx(1 / 2000 + 1 / 1e4, rel=1e-6)
+        assert one.load.motor_rest == pytest.approx(1 / 2000, rel=1e-6)
+        assert one.reference.link_rest == pytest.approx(1.0, rel=1e-6)
 
 
 def test_the_hand_of_one_joint_is_its_link_times_the_square_of_its_length(tmp_path: Path):
@@ -90,4 +118,5 @@ def test_where_no_gains_meet_everything_the_nearest_miss_stands_first(tmp_path: 
 def test_no_hand_without_a_payload_or_on_a_floating_base(tmp_path: Path):
     study = study_robot(load_robot_system(arm(tmp_path, model={"file": "arm.urdf", "base": "fixed"})))
     assert study.hands == (None, None)
+    assert study.softest_now is not None
     assert np.isfinite(study.softest_now.stiffness)

@@ -1,4 +1,4 @@
-"""Motion of a joint's link and motor over time: after a step of the position reference, and under a load on the link."""
+"""Motion of link and motor over time, of a joint or of a robot's: after a step of the position reference, and under a load on the link."""
 
 import math
 from typing import Any
@@ -8,10 +8,13 @@ import numpy as np
 from ..simulation.step_response import Sides, StepResponse
 from ..simulation.tracking import Swing
 from ..studies.joint import JointStudy
+from ..studies.robot import RobotStudy
 from ..system.linear.arrays import Floats
 from . import style
-from .number_format import digits, hertz, one_degree
-from .page import Html, figure
+from .columns import Column, definitions, tabulated
+from .curves import Curve, Panel, stacked
+from .number_format import digits, hertz, motion, motion_unit, one_degree
+from .page import Html, figure, table
 
 LOAD = 5.0
 """Load on the link [N m]: what a push of the hand makes at an arm's elbow."""
@@ -28,7 +31,7 @@ def motion_facts(found: StepResponse) -> dict[str, Any]:
         "disturbance": {
             "of": "link",
             "load_torque": LOAD,
-            "peak_deflection": LOAD * load.peak if found.growth < 0 else None,
+            "peak_deflection": None if found.growth >= 0 else LOAD * load.peak,
             "rest_deflection": LOAD * load.rest,
             **_swing_facts(load),
         },
@@ -173,3 +176,59 @@ def _caption(study: JointStudy, rigid: bool) -> str:
         return text + "Stepped exactly (matrix exponential)."
     share = f"{digits(100 * own.change, '', 1)} %" if own.change >= 1e-5 else "less than 0.001 %"
     return text + f"Stepped with the exact delay; halving the step changes the curve by {share}."
+
+
+def robot_motion_facts(study: RobotStudy) -> dict[str, Any] | None:
+    """JSON of the motion of a robot's links in the state with the softest; None where it is not known."""
+    found = study.link_motion
+    if found is None:
+        return None
+    rows = zip(found.joints, found.responses, strict=True)
+    return {"state": found.title, "joints": [{"joint": name, **motion_facts(one)} for name, one in rows]}
+
+
+MOTION = (
+    Column("joint", "", lambda row: row[0]),
+    Column(
+        "overshoot", "", lambda row: 100 * row[1].link_step.overshoot, "%", "of the link over its rest, after a step of its reference", 2
+    ),
+    Column("settles in", "", lambda row: None, definition="until it stays within 2 %", shown=lambda row: _time(row[1], row[1].link_step)),
+    Column("moves by", "", lambda row: None, definition="the link at most, under the load", shown=lambda row: motion(row[2], row[3])),
+    Column("beyond its rest", "", lambda row: 100 * row[1].link_load.overshoot, "%", "how far it swings over where the load leaves it", 2),
+    Column("then settles in", "", lambda row: None, shown=lambda row: _time(row[1], row[1].link_load)),
+)
+"""Columns of a robot's links over time; a row: joint, its StepResponse, its largest motion under the load, the unit of that."""
+
+
+def _time(response: StepResponse, found: Swing) -> str:
+    late = math.isinf(found.settling_time)
+    return f"> {digits(float(response.time[-1]), 's', 2)}" if late else digits(found.settling_time, "s", 2)
+
+
+def robot_motion(study: RobotStudy) -> list[Html]:
+    """Figure of a robot's softest link over time, and a table of all; [] where it is not known."""
+    found, softest = study.link_motion, study.softest_now
+    if found is None or softest is None:
+        return []
+    names = study.system.source.joint_names
+    unit = {name: "m" if straight else "rad" for name, straight in zip(names, study.system.source.body.prismatic.tolist(), strict=True)}
+    first = names[softest.joint]
+    one = found.responses[found.joints.index(first)]
+    scale, shown = motion_unit(LOAD * one.link_load.peak, unit[first])
+    step, load = (
+        tuple(
+            Curve(side, factor * getattr(sides, side), style.BLACK, width=width, named=named)
+            for side, width in (("motor", style.MOTOR), ("link", style.LINK))
+        )
+        for sides, factor, named in ((one.reference, 1.0, True), (one.load, scale * LOAD, False))
+    )
+    pushed = f"{digits(LOAD)} {'N' if unit[first] == 'm' else 'N·m'}"
+    panels = [Panel("position / step", "–", step, 0.5), Panel(f"under {pushed}", shown, load, 0.5)]
+    words = (
+        f"{first} in {found.title}, all other loops closed: a step of its reference, and {pushed} on its link from time 0. Thick: the link."
+    )
+    picture = stacked(one.time, panels, f"The softest link over time: {first}", words, 460)
+    rows = [(name, each, LOAD * each.link_load.peak, unit[name]) for name, each in zip(found.joints, found.responses, strict=True)]
+    headings, texts = tabulated(MOTION, rows)
+    caption = f"{found.title}, {digits(float(one.time[-1]), 's', 2)}; load: {digits(LOAD)} N·m, N where a joint is prismatic. "
+    return [picture, table(headings, texts, caption + definitions(MOTION, headings))]

@@ -22,6 +22,7 @@ from . import style
 from .gain_advice import gains_box
 from .margin_columns import margin_value, requirement
 from .number_format import digits, frequency, hertz, model_kind
+from .over_time import robot_motion
 from .page import Card, Html, Lead, Section, beside, details, facts, figure, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, limit_proofs, margin_card, unstable_card
 from .robot_drawing import hero, small
@@ -67,6 +68,7 @@ def robot_page(shown: RobotPresentation, command: str) -> str:
         if swept is None
         else workspace_section(swept, f"Recommended gains in {counted(swept.plan.postures.count)} swept postures", checked_sentence(swept)),
         Section("Vibration by contact state", _vibrations(study, drawn), "each at its own gain limit"),
+        *_over_time(study),
         Section("State by state", [state_table(study), *remedies(study)], "all margins of each"),
         Section("Why: the characteristic loci", [LOCI, loci_of], "where the eigenvalues of the coupled loops come near −1"),
         Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))], "each joint alone, and with all others closed"),
@@ -82,6 +84,11 @@ def robot_page(shown: RobotPresentation, command: str) -> str:
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
     return page(title, _lead(shown), _cards(study), sections, command)
+
+
+def _over_time(study: RobotStudy) -> list[Section]:
+    parts = robot_motion(study)
+    return [Section("Over time: the links", parts, "each after a step of its reference, and under a load")] if parts else []
 
 
 def _shown(study: RobotStudy) -> list[State]:

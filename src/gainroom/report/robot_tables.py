@@ -22,6 +22,7 @@ from .gearboxes import gearbox_types, typed_facts
 from .margin_columns import margin_facts, required_facts
 from .next_commands import audit_of_found, kept
 from .number_format import digits, hertz, model_facts, model_text, span
+from .over_time import robot_motion_facts
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
 from .presentation import Legend, Part, Presentation, TextTable, closing, folded, warned_first
@@ -100,6 +101,7 @@ class RobotPresentation(Presentation):
             "at_usual_rate": None if usual is None else {"sample_rate_hz": USUAL_RATE, **margin_facts(usual), "requirements_met": met},
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "uncertainty_cost": None if study.exact is None else {"cost": study.uncertainty_cost, "exact": recommended_facts(study.exact)},
+            "link_motion": robot_motion_facts(study),
             "actuators": actuator_facts(study.system),
             "gearbox_range": typed_facts(study.system),
             "rigid_gearboxes": list(study.system.source.unknown.get("gearbox_unknown", ())),

@@ -66,7 +66,7 @@ class StepResponse:
     load         positions for a load of 1 N m on the link [rad]
     change       largest change of the measured `reference` by the last halving of the step, relative to its largest value; 0 where
                  stepping is exact
-    growth, frequency   real and imaginary part of the rightmost root [1/s], [rad/s]; NaN of a part, whose loop has many
+    growth, frequency   real and imaginary part of the rightmost root [1/s], [rad/s]; of a part as it is given, and NaN
     """
 
     time: Floats
@@ -88,11 +88,12 @@ class StepResponse:
         return swing(self.time, self.load.link, self.load.link_rest, returns)
 
 
-def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = None) -> StepResponse:
+def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = None, growth: float = math.nan) -> StepResponse:
     """Step responses to reference and load up to `end` [s] (None, of one joint: until settled, or the vibration has grown a thousandfold).
 
-    part   of a loop of several joints, with an `end`; its load is 1 of its output on the links (a joint's: 1 N m), in its own
-           combination of positions
+    part     of a loop of several joints, with an `end`; its load is 1 of its output on the links (a joint's: 1 N m), in its own
+             combination of positions
+    growth   real part of its loop's rightmost root [1/s]; NaN: not known, and so no rest of a part
 
     Raises GainroomError for loops not built with build_loop, for kd with a path of its own, and for several joints without a part.
     """
@@ -102,7 +103,7 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
     system = _responding(loop, part or LoopPart.of_joint(loop, 0))
     left = np.ones(1) if part is None else part.left
     command, load = np.append(left, 0.0), np.append(np.zeros(loop.size), 1.0)
-    roots = rightmost_roots(loop, count=8).roots if part is None else np.full(4, complex(math.nan, math.nan))
+    roots = rightmost_roots(loop, count=8).roots if part is None else np.full(4, complex(growth, math.nan))
     end = _horizon(roots) if end is None else end
     growth, frequency = float(roots[0].real), float(abs(roots[0].imag))
     fastest = float(np.abs(roots[:4]).max()) if part is None else 0.0

@@ -24,6 +24,7 @@ from ..system.system import System
 from ..system.uncertainty import Place, Uncertainty
 from .analysis import Analysis, analyze
 from .critical_joints import most_sensitive
+from .link_motion import LinkMotion, link_motion
 from .progress import Progress, after, quiet
 from .softest_link import Hand, SoftestLink, hand_of, softest_now
 from .state import USUAL_RATE, State, task_headroom
@@ -103,6 +104,12 @@ class RobotStudy(Analysis):
     def softest_now(self) -> SoftestLink | None:
         """The softest link with the file's gains; None where no link is held, or no state is stable."""
         return softest_now(self.states)
+
+    @cached_property
+    def link_motion(self) -> LinkMotion | None:
+        """Motion of the links over time, with the file's gains, in the state with the softest one; None where it is not known."""
+        softest = self.softest_now
+        return None if softest is None else link_motion(next(state for state in self.states if state.title == softest.title))
 
     @cached_property
     def hands(self) -> tuple[Hand | None, Hand | None]:
