@@ -71,6 +71,10 @@ def joint_file(tmp_path: Path) -> Path:
             QUICK.replace("FILTER", "notches: [{frequency: 9}, {frequency: 4e3}]").encode(),
             "control.notches[1].frequency: 4000 rad/s",
         ),
+        (
+            QUICK.replace("FILTER", "biquads: [{zero_frequency_hz: 500, zero_damping: 0.1, pole_frequency: 9, pole_damping: 1}]").encode(),
+            "control.biquads[0].zero_frequency_hz: 500 Hz must be below half the sample rate",
+        ),
         (TESTBED.replace("kp: 1600.0", "kp: 1600 Nm").encode(), "control.kp: '1600 Nm' is text"),
     ],
 )

@@ -15,6 +15,7 @@ from gainroom.files.joint_yaml import JointFile, parse_joint
 from gainroom.io.validation import Section, validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
 from gainroom.studies.analysis import analyze
+from gainroom.system.filters import Biquad
 
 FULL = """\
 joint: {rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: 16.0, stiffness: 1e4, damping: 1,
@@ -28,6 +29,7 @@ control:
   sample_rate_hz: 2000
   velocity_filter: {bandwidth_hz: 100, order: 2, damping_ratio: 0.7}
   notches: [{frequency: 300.0, width: 0.4, depth: 0.2}, {frequency_hz: 80}]
+  biquads: [{zero_frequency_hz: 25, zero_damping: 0.1, pole_frequency: 350.0, pole_damping: 0.6}]
 limits: {gain_margin_db: 6.0, phase_margin_deg: 30.0, peak_sensitivity: 2.0}
 uncertainty: {delay_ticks: [4, 6], stiffness: 20%, link_inertia: [0.8, 16.0], motor_inertia: 10 %, damping: [0, 2]}
 """
@@ -60,6 +62,7 @@ def test_every_key_arrives_in_si():
     assert spec.control.controller.velocity_filter.bandwidth == approx(2 * math.pi * 100)
     assert (spec.control.controller.velocity_filter.order, spec.control.controller.velocity_filter.damping_ratio) == (2, 0.7)
     assert [notch.frequency for notch in spec.control.controller.notches] == approx([300.0, 2 * math.pi * 80])
+    assert spec.control.controller.biquads == (Biquad(2 * math.pi * 25, 0.1, 350.0, 0.6),)
     assert (spec.control.controller.notches[0].width, spec.control.controller.notches[0].depth) == (0.4, 0.2)
     assert 20 * math.log10(spec.requirements.gain_margin) == approx(6.0)
     assert math.degrees(spec.requirements.phase_margin) == approx(30.0)
@@ -173,6 +176,10 @@ def test_only_the_margins_that_are_named_are_required():
         ("order: 2", "order: 3", "control.velocity_filter.order: 3 must be 1 or 2", ""),
         ("order: 2", "order: 1", "control.velocity_filter.damping_ratio is for order 2", ""),
         ("depth: 0.2", "depth: 2", "control.notches[0].depth: 2 must be <= 1", ""),
+        ("zero_damping: 0.1", "zero_damping: -1", "control.biquads[0].zero_damping: -1 must be >= 0", ""),
+        ("pole_damping: 0.6", "pole_damping: 0", "control.biquads[0].pole_damping: 0 must be > 0", ""),
+        (", pole_damping: 0.6", "", "control.biquads[0].pole_damping is missing", ""),
+        ("pole_frequency: 350.0, ", "", "control.biquads[0]: give either pole_frequency [rad/s] or pole_frequency_hz", ""),
         ("{frequency_hz: 80}", "{hz: 80}", "control.notches[1].hz: unknown key", ""),
         ("stiffness: 20%", "stiffness: 0.2", "uncertainty.stiffness: 0.2 must be [low, high]", "20%"),
         ("stiffness: 20%", "stiffness: 120%", "uncertainty.stiffness: '120%' must be less than 100%", ""),

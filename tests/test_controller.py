@@ -51,12 +51,23 @@ def notch(hole: gr.Notch, sample_time: float | None) -> np.ndarray:
     return (s * s + hole.depth * hole.width * w * s + w * w) / (s * s + hole.width * w * s + w * w)
 
 
+def biquad(one: gr.Biquad, sample_time: float | None) -> np.ndarray:
+    s = tustin(one.pole_frequency, sample_time)
+    zeros, poles = s / one.zero_frequency, s / one.pole_frequency
+    return (zeros**2 + 2 * one.zero_damping * zeros + 1) / (poles**2 + 2 * one.pole_damping * poles + 1)
+
+
 FILTERS = {
     "none": {},
     "order 1": {"velocity_filter": gr.LowPass(900.0)},
     "order 2": {"velocity_filter": gr.LowPass(1500.0, order=2, damping_ratio=0.9)},
     "notch": {"notches": (gr.Notch(500.0),)},
-    "all": {"velocity_filter": gr.LowPass(1500.0, 2), "notches": (gr.Notch(500.0, 0.3, 0.0), gr.Notch(1200.0, 1.0, 0.3))},
+    "biquads": {"biquads": (gr.Biquad(400.0, 0.2, 900.0, 0.6), gr.Biquad(2000.0, 0.0, 700.0, 1.5))},
+    "all": {
+        "biquads": (gr.Biquad(700.0, 0.1, 500.0, 0.3),),
+        "velocity_filter": gr.LowPass(1500.0, 2),
+        "notches": (gr.Notch(500.0, 0.3, 0.0), gr.Notch(1200.0, 1.0, 0.3)),
+    },
 }
 
 
@@ -78,6 +89,8 @@ def test_transfer_is_the_formula(kind, filters, sample_time):
     }[kind]
     for hole in filters.get("notches", ()):
         expected = expected * notch(hole, sample_time)
+    for one in filters.get("biquads", ()):
+        expected = expected * biquad(one, sample_time)
     found = controller().transfer(sample_time)
     # P without any rate is the same at all frequencies; a D term alone is relative to its own size
     assert found.response(OMEGA) == pytest.approx(expected, rel=ROUNDING if kind != "PPI" else 4 * ROUNDING)
@@ -168,6 +181,12 @@ def test_cascade_of_matrices_multiplies_in_order():
         (lambda: gr.Notch(4.0, depth=-0.1), ["notch", "depth", "-0.1", ">= 0"]),
         (lambda: gr.LowPass(1.001 * pi / TICK).polynomials(TICK), ["bandwidth", "6289", "below half the sample rate", "6283"]),
         (lambda: gr.Notch(pi / TICK).polynomials(TICK), ["notch", "frequency", "below half the sample rate"]),
+        (lambda: gr.Biquad(0.0, 0.1, 50.0, 0.5), ["biquad", "zero_frequency", "0 rad/s", "> 0"]),
+        (lambda: gr.Biquad(40.0, -0.1, 50.0, 0.5), ["biquad", "zero_damping", "-0.1", ">= 0"]),
+        (lambda: gr.Biquad(40.0, 0.1, float("inf"), 0.5), ["biquad", "pole_frequency", "inf", "> 0"]),
+        (lambda: gr.Biquad(40.0, 0.1, 50.0, 0.0), ["biquad", "pole_damping", "0", "> 0"]),
+        (lambda: gr.Biquad(40.0, 0.1, 6300.0, 0.5).polynomials(TICK), ["biquad pole_frequency", "6300", "below half the sample rate"]),
+        (lambda: gr.Biquad(6300.0, 0.1, 50.0, 0.5).polynomials(TICK), ["biquad zero_frequency", "6300", "below half the sample rate"]),
         (lambda: gr.PID(0.0, 1.0, 1.0).plane(), ["PID", "ki/kp", "1/0"]),
         (lambda: gr.PPI(1.0, 0.0, 1.0).plane(), ["PPI", "ki/kv", "1/0"]),
     ],
@@ -253,4 +272,6 @@ def test_gains_for_a_plain_pd_are_those_of_a_pd_where_the_controller_filters_its
 
     assert type(Led(100.0, 10.0).of_pd(50.0, 5.0)) is gr.PD
     assert type(gr.PD(100.0, 10.0, notches=(gr.Notch(300.0),)).of_pd(50.0, 5.0)) is gr.PD
+    led = gr.PPI(10.0, 10.0, 2.0, biquads=(gr.Biquad(60.0, 0.5, 600.0, 0.7),)).of_pd(50.0, 5.0)
+    assert (type(led), len(led.biquads), led.lead_rises) == (gr.PPI, 1, False)
     assert type(gr.PPI(10.0, 10.0, 2.0).of_pd(50.0, 5.0)) is gr.PPI

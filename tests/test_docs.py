@@ -28,6 +28,7 @@ SECTIONS = [
     config_sections.control_section(config.JointControlSection),
     config_sections.LowPassSection,
     config_sections.NotchSection,
+    config_sections.BiquadSection,
     config_sections.GainPathSection,
     config_sections.limits_section(),
     config.JointUncertaintySection,

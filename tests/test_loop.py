@@ -78,7 +78,7 @@ def test_uncoupled_joints_are_single_ones(sample_time):
     """Diagonal W: each diagonal element is that joint's own loop, and nothing else."""
     joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(1.0, 16.0, 2e4, 2.0, 0.3, 0.7), gr.ElasticJoint(0.5, 2.0)]
     drives = [gr.Drive(4000.0, 0.9, 2.5e-3), gr.Drive(2000.0, 0.7, 1.3e-3), gr.Drive(inf, 0.9, 0.0)]
-    filters = {"velocity_filter": gr.LowPass(900.0), "notches": (gr.Notch(300.0),)}
+    filters = {"velocity_filter": gr.LowPass(900.0), "notches": (gr.Notch(300.0),), "biquads": (gr.Biquad(250.0, 0.3, 500.0, 0.7),)}
     plant = gr.Plant(
         np.diag([1 / j.link_inertia for j in joints]),
         *(

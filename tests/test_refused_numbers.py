@@ -50,6 +50,8 @@ def test_systems(make, words):
         (lambda: gr.PD(1.0, 1.0, velocity_filter=5.0), ["velocity_filter", "5.0", "LowPass"]),  # type: ignore[arg-type]
         (lambda: gr.PD(1.0, 1.0, notches=5), ["notches", "5", "Notch"]),  # type: ignore[arg-type]
         (lambda: gr.PD(1.0, 1.0, notches=("x",)), ["notches", "x", "Notch"]),  # type: ignore[arg-type]
+        (lambda: gr.PD(1.0, 1.0, notches=(None,)), ["notches", "None", "Notch"]),  # type: ignore[arg-type]
+        (lambda: gr.PD(1.0, 1.0, biquads=(gr.Notch(9.0),)), ["biquads", "Notch(", "must be a Biquad"]),  # type: ignore[arg-type]
         (lambda: gr.LowPass(10.0, order=True), ["order", "1 or 2"]),
         (lambda: gr.LowPass(nan), ["bandwidth", "> 0"]),
         (lambda: gr.Notch(10.0, depth=nan), ["depth", ">= 0"]),

@@ -57,6 +57,7 @@ control:
   sample_rate_hz: 2000
   velocity_filter: {bandwidth_hz: 100}
   notches: [{frequency: 300}]
+  biquads: [{zero_frequency: 200, zero_damping: 0.2, pole_frequency_hz: 60, pole_damping: 0.7}]
 tasks:
   - {name: foot, type: position, frame: l_foot, kp: [50, 60, 70], kd: 9}
   - {name: rest, type: posture, kp: 10, kv: 5, ki: 1}
@@ -151,6 +152,7 @@ def test_every_key_arrives_in_si(folder: Path):
     assert_allclose(control.controller.kd, 5)
     assert control.controller.velocity_filter.bandwidth == pytest.approx(2 * math.pi * 100)
     assert control.controller.notches[0].frequency == 300
+    assert control.controller.biquads[0].pole_frequency == pytest.approx(2 * math.pi * 60)
     assert [(task.name, task.kind, task.frame) for task in robot.stack] == [("foot", "position", "l_foot"), ("rest", "posture", None)]
     assert (robot.stack[0].kp, robot.stack[0].kd, robot.stack[0].ki) == ([50, 60, 70], 9, None)
     assert (robot.stack[1].kp, robot.stack[1].kd, robot.stack[1].ki) == (10, 5, 1)
@@ -209,6 +211,7 @@ def test_control_in_task_space(folder: Path):
     controller = spec.controller(model)
     assert controller.velocity_filter == spec.control.velocity_filter is not None
     assert controller.notches == spec.control.notches != ()
+    assert controller.biquads == spec.control.biquads != ()
     expected = spec.source.tasks(model, rotors=True).controller().terms()
     assert {key: value.tolist() for key, value in controller.terms().items()} == {key: value.tolist() for key, value in expected.items()}
     assert spec.loop(model).size == 4

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 
 from gainroom.simulation.whole_body import SampledControl
 from gainroom.system.controller import PD, PID, PPI
-from gainroom.system.filters import LowPass, Notch
+from gainroom.system.filters import Biquad, LowPass, Notch
 
 TICK = 5e-4
-FILTERED = {"velocity_filter": LowPass(600.0, 2), "notches": (Notch(400.0, 0.6, 0.2),)}
+FILTERED = {"velocity_filter": LowPass(600.0, 2), "notches": (Notch(400.0, 0.6, 0.2),), "biquads": (Biquad(250.0, 0.3, 500.0, 0.7),)}
 CASES = {
     "pd": PD(np.array([50.0, 90.0]), np.array([1.0, 5.0])),
     "matrix": PD(np.array([[50.0, 3.0], [-2.0, 90.0]]), np.array([[1.0, 0.5], [0.2, 5.0]])),

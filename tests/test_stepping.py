@@ -134,12 +134,16 @@ def warped(num: list[float], den: list[float], frequency: float) -> tuple[np.nda
 
 
 @pytest.mark.parametrize("kind", ["ppi", "pid"])
-def test_filters_integrator_and_notch_are_difference_equations(kind):
-    """scipy filters the velocity and notches the torque; P/PI follows Fig. 13, its velocity gains never see the reference."""
+def test_filters_and_integrator_are_difference_equations(kind):
+    """scipy filters the velocity and the torque, through a notch and a biquad; P/PI follows Fig. 13.
+
+    Its velocity gains never see the reference.
+    """
     ticks, low_pass, notch = 81, gr.LowPass(900.0, order=2, damping_ratio=0.7), gr.Notch(330.0, width=0.5, depth=0.2)
+    shaped = {"velocity_filter": low_pass, "notches": (notch,), "biquads": (gr.Biquad(280.0, 0.15, 420.0, 0.6),)}
     controllers = {
-        "ppi": gr.PPI(20.0, 30.0, 150.0, velocity_filter=low_pass, notches=(notch,)),
-        "pid": gr.PID(600.0, 900.0, 30.0, velocity_filter=low_pass, notches=(notch,)),
+        "ppi": gr.PPI(20.0, 30.0, 150.0, **shaped),
+        "pid": gr.PID(600.0, 900.0, 30.0, **shaped),
     }
     loop = gr.build_loop(JOINT, DRIVE, controllers[kind], sample_time=TICK)
     reference = Spline.move(0.1, 0.03)
@@ -148,6 +152,7 @@ def test_filters_integrator_and_notch_are_difference_equations(kind):
     filters = {
         "velocity": warped([900.0**2], [1.0, 2 * 0.7 * 900.0, 900.0**2], 900.0),
         "notch": warped([1.0, 0.2 * 0.5 * 330.0, 330.0**2], [1.0, 0.5 * 330.0, 330.0**2], 330.0),
+        "biquad": warped([1 / 280.0**2, 2 * 0.15 / 280.0, 1.0], [1 / 420.0**2, 2 * 0.6 / 420.0, 1.0], 420.0),
     }
     memory = {name: np.zeros(2) for name in filters}
     integral, rate = 0.0, Difference(np.zeros(1))
@@ -162,9 +167,10 @@ def test_filters_integrator_and_notch_are_difference_equations(kind):
         if kind == "ppi":
             slip = 20.0 * error - filtered("velocity", rate(motor)[0])
             integral += TICK * slip
-            return np.array([filtered("notch", 30.0 * slip + 150.0 * integral)])
+            return np.array([filtered("biquad", filtered("notch", 30.0 * slip + 150.0 * integral))])
         integral += TICK * error
-        return np.array([filtered("notch", 600.0 * error + 900.0 * integral + 30.0 * filtered("velocity", rate(target[[k]] - motor)[0]))])
+        torque = 600.0 * error + 900.0 * integral + 30.0 * filtered("velocity", rate(target[[k]] - motor)[0])
+        return np.array([filtered("biquad", filtered("notch", torque))])
 
     assert_agree(found, run(as_joints(JOINT.plant(), DRIVE), control, ticks, TICK, np.zeros((4, 1))))
 

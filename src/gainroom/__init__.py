@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .system.controller import PD as PD, PID as PID, PPI as PPI, Compensator as Compensator
     from .system.drive import Drive as Drive
     from .system.elastic_joint import ElasticJoint as ElasticJoint
-    from .system.filters import LowPass as LowPass, Notch as Notch
+    from .system.filters import Biquad as Biquad, LowPass as LowPass, Notch as Notch
     from .system.gain_bounds import GainBounds as GainBounds
     from .system.gain_path import GainPath as GainPath
     from .system.jitter_margin import JitterMargin as JitterMargin, jitter_margin as jitter_margin
@@ -49,7 +49,7 @@ _HOME = {
     "system.plant": ("Plant", "Compliance"),
     "system.drive": ("Drive",),
     "system.controller": ("PD", "PID", "PPI", "Compensator"),
-    "system.filters": ("LowPass", "Notch"),
+    "system.filters": ("Biquad", "LowPass", "Notch"),
     "system.gain_path": ("GainPath",),
     "system.loop": ("Loop", "build_loop", "loop_from"),
     "system.closed_loop": ("closed_loop", "ClosedLoop"),

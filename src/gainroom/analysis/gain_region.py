@@ -56,7 +56,7 @@ def pd_region(
 ) -> "PDRegion":
     """The gains (kp, kd) of one joint that are stable and keep every margin asked for (factor; rad; factor).
 
-    controller   a PD, PID or PPI whose filters, notches and integral ratio are kept while kp and kd vary; None: plain PD
+    controller   a PD, PID or PPI whose filters and integral ratio are kept while kp and kd vary; None: plain PD
     others       further requirements by name, SI (system/requirements.py)
     """
     template = PD(1.0, 1.0) if controller is None else controller

@@ -67,7 +67,7 @@ def own_case(title: str, system: System, model: Any) -> tuple[GainCase, Gains] |
     control, own, size = system.control, system.control.controller, model.size
     if control.kd_path is not None or type(own) is not PD or size == 1 or np.ndim(own.kp) > 1 or np.ndim(own.kd) > 1:
         return None
-    filters = replace(control, velocity_filter=own.velocity_filter, notches=own.notches)
+    filters = replace(control, **own.filters)
     gains = np.array([np.broadcast_to(gain, size) for gain in (own.kp, own.kd, 0.0)], dtype=float)
     return joint_case(title, replace(system, control=filters), model), gains
 

@@ -140,7 +140,7 @@ def recommend_pd(
     """The best PD gains that keep `requirements` in every case.
 
     requirements  None: 6 dB, 30°, Ms 2
-    controller    a PD, PID or PPI whose filters, notches and integral ratio are kept; None: plain PD
+    controller    a PD, PID or PPI whose filters and integral ratio are kept; None: plain PD
     objective     "dynamic_stiffness": the largest of the link (dynamic_stiffness.py) in the case in which it is least, and of equal ones
                   the least kd. "largest_kp": the largest kp, and the kd with the lowest peak sensitivity
     bounds        of kp and kd, on the controller's kp–kd plane; None: none

@@ -193,7 +193,7 @@ def stable_starts(
 
 def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
     """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
-    template = PD(1.0, 1.0, velocity_filter=system.control.velocity_filter, notches=system.control.notches)
+    template = PD(1.0, 1.0, **system.control.filters)
     place = {
         "feedback": system.control.feedback,
         "sample_time": system.control.sample_time,

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import GainroomError
 from ..io.validation import dotted, validate
+from ..system.filters import FILTERS
 from ..system.linear.arrays import Floats
 from ..system.system import System
 from .robot_sections import RobotFile
@@ -18,7 +19,7 @@ KEYS = {
     "model": ("base", "gravity_stiffness", "payload"),
     "joints": ("passive",),
     "drive": ("delay_includes_sampling", "bandwidth", "damping_ratio"),
-    "control": ("feedback", "velocity_filter", "notches"),
+    "control": ("feedback", *FILTERS),
 }
 """Keys of a robot.yaml's sections that belong to the context; postures, contacts, uncertainty and bounds belong to it as a whole."""
 WHOLE_SECTIONS = ("postures", "contacts", "uncertainty", "gain_bounds")
@@ -134,7 +135,7 @@ def without_flag(lost: Mapping[str, Any], given_back: Collection[str]) -> list[s
         "the payload": "payload" in model,
         "whether the weight counts": "gravity_stiffness" in model,
         "the encoders' side": "feedback" in control,
-        "filters": bool({"velocity_filter", "notches"} & control.keys()),
+        "filters": bool({*FILTERS} & control.keys()),
         "that the delay has hold and difference in it": "delay_includes_sampling" in drive,
         "ranges of uncertainty": "uncertainty" in lost,
         "bounds of recommended gains": "gain_bounds" in lost,

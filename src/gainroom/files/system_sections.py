@@ -28,7 +28,7 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, Controller, GainKey
 from ..system.drive import Drive
 from ..system.feedback import MISFIT
-from ..system.filters import LowPass, Notch
+from ..system.filters import Biquad, LowPass, Notch
 from ..system.gain_bounds import BOUNDS
 from ..system.gain_path import GainPath, samples_in_common
 from ..system.linear.arrays import Floats
@@ -203,6 +203,23 @@ class NotchSection(FrequencySection):
         return Notch(frequency=self.omega("frequency"), **self.model_dump(include={"width", "depth"}, exclude_none=True))
 
 
+class BiquadSection(FrequencySection):
+    """Biquad in the controller's output."""
+
+    EITHER = ("zero_frequency", "pole_frequency")
+
+    zero_frequency: Positive | None = Field(None, description="[rad/s]")
+    zero_frequency_hz: Positive | None = None
+    zero_damping: Annotated[float, number(least=0, most=100)] = Field(description="the damping ratio of the zeros, a number from 0 to 100")
+    pole_frequency: Positive | None = Field(None, description="[rad/s]")
+    pole_frequency_hz: Positive | None = None
+    pole_damping: DampingRatio = Field(description="the damping ratio of the poles, a number > 0")
+
+    def biquad(self) -> Biquad:
+        """Biquad in rad/s."""
+        return Biquad(self.omega("zero_frequency"), self.zero_damping, self.omega("pole_frequency"), self.pole_damping)
+
+
 class GainPathSection(Section):
     """Section `kd_path`: loop of kd on the drive, if it is not closed with the other gains."""
 
@@ -235,6 +252,7 @@ class ControlSection(Section):
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None
     notches: list[NotchSection] = Field([], max_length=20)
+    biquads: list[BiquadSection] = Field([], max_length=20)
     kd_path: GainPathSection | None = None
 
     @property
@@ -293,7 +311,8 @@ class ControlSection(Section):
     def filters(self) -> dict[str, Any]:
         """Filter arguments of every controller's constructor."""
         low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
-        return {"velocity_filter": low_pass, "notches": tuple(section.notch() for section in self.notches)}
+        notches, biquads = tuple(one.notch() for one in self.notches), tuple(one.biquad() for one in self.biquads)
+        return {"velocity_filter": low_pass, "notches": notches, "biquads": biquads}
 
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
@@ -331,9 +350,11 @@ class ControlSection(Section):
         with Together() as together:
             if (low_pass := self.velocity_filter) is not None:
                 together.step(lambda: low_pass.require_below("bandwidth", "control.velocity_filter", velocity))
-            for index, notch in enumerate(self.notches):
-                place = f"control.notches[{index}]"
-                together.step(lambda notch=notch, place=place: notch.require_below("frequency", place, min(nyquist, velocity)))
+            for name, sections in (("notches", self.notches), ("biquads", self.biquads)):
+                for index, section in enumerate(sections):
+                    for key in section.EITHER:
+                        place = f"control.{name}[{index}]"
+                        together.step(lambda one=section, key=key, at=place: one.require_below(key, at, min(nyquist, velocity)))
 
 
 def _placed(problem: str, gains: Mapping[str, Any]) -> str:

@@ -100,9 +100,11 @@ def uncertainty_text(system: System) -> str:
 
 
 def filters(controller: Any) -> str:
-    """Velocity filter and notches of a controller, as text."""
+    """Velocity filter, notches and biquads of a controller, as text."""
     low_pass = controller.velocity_filter
     text = (
         "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
     )
-    return text + "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
+    text += "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
+    biquads = ((digits(one.zero_frequency, "rad/s"), digits(one.pole_frequency, "rad/s")) for one in controller.biquads)
+    return text + "".join(f", biquad with zeros at {zeros} and poles at {poles}" for zeros, poles in biquads)

@@ -204,11 +204,10 @@ class WholeBodyControl:
         control = self._control
         if not self._tasks:
             return control.controller
-        filters = {"velocity_filter": control.velocity_filter, "notches": control.notches}
         law = self._tasks.controller()
         if isinstance(law, TaskPPI):
-            return PPI(law.kp, law.kv, law.ki, **filters)
-        return PD(self._tasks.kp, self._tasks.kd, **filters)
+            return PPI(law.kp, law.kv, law.ki, **control.filters)
+        return PD(self._tasks.kp, self._tasks.kd, **control.filters)
 
 
 def values_of(body: RigidBody, stack: Sequence[Task], start: Floats) -> Callable[[Floats], Floats]:

@@ -1,10 +1,10 @@
 """Controllers: torque command from position error, u = D (x_d − x).
 
-Every controller here is a sum of four signals, shaped by notches:
+Every controller here is a sum of four signals, shaped by notches and biquads:
 
     D(v) = N(v) · Σ G_ab · V(v)^a · I(v)^b,     a, b in {0, 1}
 
-V takes the velocity (filtered or not), I integrates, N is the product of the notches, and the gains G_ab are numbers or n × n
+V takes the velocity (filtered or not), I integrates, N is the product of notches and biquads, and the gains G_ab are numbers or n × n
 matrices. Continuous: V = s F(s), I = 1/s. Sampled, in δ = (z − 1)/T_s: V = backward difference × F, I = backward Euler; F and N are
 mapped by Tustin's rule, exact at their own frequency.
 
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, one_line, require_finite
-from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch_product, value_of
+from .filters import FILTERS, Biquad, LowPass, Notch, Ratio, filter_product, filtered_velocity, integrator, value_of
 from .linear.arrays import Complexes, Floats
 from .linear.lti import factored_from
 from .linear.transfer_function import Factored, polynomials_times, ratio
@@ -79,15 +79,15 @@ class Controller:
 
     velocity_filter: LowPass | None = field(default=None, kw_only=True)
     notches: tuple[Notch, ...] = field(default=(), kw_only=True)
+    biquads: tuple[Biquad, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        owner, notches = type(self).__name__, self.notches
-        notches = tuple(notches) if isinstance(notches, Iterable) and not isinstance(notches, str) else (notches,)
-        for name, kind, values in (("velocity_filter", LowPass, (self.velocity_filter,)), ("notches", Notch, notches)):
-            strange = [value for value in values if value is not None and not isinstance(value, kind)]
-            if strange or (kind is Notch and None in values):
-                raise GainroomError(f"{owner}: {name} {one_line(repr(strange or None), 80)} must be a {kind.__name__}")
-        object.__setattr__(self, "notches", notches)
+        owner = type(self).__name__
+        for name, kind in (("notches", Notch), ("biquads", Biquad)):
+            given = getattr(self, name)
+            object.__setattr__(self, name, tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,))
+            _require_all(owner, name, getattr(self, name), kind)
+        _require_all(owner, "velocity_filter", () if self.velocity_filter is None else (self.velocity_filter,), LowPass)
         for name in self.gain_names():
             array = require_finite(owner, name, getattr(self, name))
             object.__setattr__(self, name, array if array.ndim else float(array))
@@ -128,9 +128,14 @@ class Controller:
         """Velocity V in v as (numerator, denominator). Continuous: s F(s), improper without a filter."""
         return filtered_velocity(self.velocity_filter, sample_time)
 
+    @property
+    def filters(self) -> dict[str, Any]:
+        """The filters, by argument of the constructor."""
+        return {name: getattr(self, name) for name in FILTERS}
+
     def shaping(self, sample_time: float | None) -> Factored:
-        """Notch product N in v."""
-        return notch_product(self.notches, sample_time)
+        """Product N of notches and biquads in v."""
+        return filter_product((*self.notches, *self.biquads), sample_time)
 
     def transfer(self, sample_time: float | None) -> Factored:
         """Transfer function D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
@@ -229,7 +234,7 @@ class Controller:
     @property
     def lead_rises(self) -> bool:
         """True if arg D(jω) rises with ω on every joint in continuous time: gains >= 0 without filters, no zero in the right half plane."""
-        return self.has_plane and self.velocity_filter is None and not self.notches
+        return self.has_plane and not any(self.filters.values())
 
     @classmethod
     def can_be_asked_for(cls) -> bool:
@@ -267,11 +272,11 @@ class Controller:
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def plane_at(self, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
-        """Responses (k, 2) that kp and kd of the plane multiply, at the points of `matrix`, with notches and filters."""
+        """Responses (k, 2) that kp and kd of the plane multiply, at the points of `matrix`, with all filters."""
         return np.stack([self._sum(terms, (), s, v, sample_time) for terms in self.plane()], axis=1)
 
     def signal(self, powers: tuple[int, int], s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
-        """Response (k,) that the gain of these powers of V and I multiplies, at the points of `matrix`, with notches and filters."""
+        """Response (k,) that the gain of these powers of V and I multiplies, at the points of `matrix`, with all filters."""
         return self._sum({powers: np.ones(())}, (), s, v, sample_time)
 
     def plane_gains(self) -> tuple[float, float]:
@@ -307,7 +312,7 @@ class Controller:
 
     def plain_pd(self, kp: float, kd: float) -> "PD":
         """A PD with this controller's filters."""
-        return PD(kp, kd, velocity_filter=self.velocity_filter, notches=self.notches)
+        return PD(kp, kd, **self.filters)
 
     def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
         """Transfer function D at the point (kp, kd) of the plane."""
@@ -412,7 +417,7 @@ class PPI(Controller):
         """PID equivalent to the diagonal of `terms` on joint `k` of `size`: velocity times integral of one error is its position."""
         own = {powers: own_gain(gain, k, size) for powers, gain in self.terms().items()}
         kp, ki, kd = own.get((0, 0), 0.0) + own.get((1, 1), 0.0), own.get((0, 1), 0.0), own.get((1, 0), 0.0)
-        return PID(kp, ki, kd, velocity_filter=self.velocity_filter, notches=self.notches)
+        return PID(kp, ki, kd, **self.filters)
 
     def scaled(self, factor: float) -> "PPI":
         return replace(self, kv=self.kv * factor, ki=self.ki * factor)
@@ -477,6 +482,12 @@ def own_gain(gain: ArrayLike, k: int, size: int) -> float:
     """Diagonal entry of a gain for joint `k` of `size`; 0 where task matrices hold round-off alone, on joints that no task moves."""
     own = float(gain_matrix("gain", gain, size)[k, k])
     return own if np.ndim(gain) < 2 or abs(own) > ROUND_OFF * np.abs(gain).max() else 0.0
+
+
+def _require_all(owner: str, name: str, values: tuple[Any, ...], kind: type) -> None:
+    """Raise GainroomError unless all of `values` are of a kind of filter."""
+    if strange := [value for value in values if not isinstance(value, kind)]:
+        raise GainroomError(f"{owner}: {name} {one_line(repr(strange), 80)} must be a {kind.__name__}")
 
 
 def _ratio(owner: str, name: str, above: Any, below: Any) -> float:

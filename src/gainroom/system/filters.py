@@ -1,6 +1,7 @@
-"""Filters of a controller, continuous or mapped to sampled time: low-pass on the velocity, notches, and the integrator.
+"""Filters of a controller, continuous or mapped to sampled time: low-pass on the velocity, notches and biquads, and the integrator.
 
-Polynomials are in v: s, or δ = (z − 1)/T_s in sampled time, to which Tustin's rule maps a filter, exact at its own frequency.
+Polynomials are in v: s, or δ = (z − 1)/T_s in sampled time, to which Tustin's rule maps a filter, exact at its own frequency: of a
+biquad that of its poles.
 """
 
 import math
@@ -14,6 +15,8 @@ from .linear.arrays import Complexes, Floats
 from .linear.transfer_function import Factored, ratio
 
 Ratio = tuple[Floats, Floats]
+FILTERS = ("velocity_filter", "notches", "biquads")
+"""Fields of a controller, and keys of `control` in files, that hold filters."""
 
 
 def value_of(ratio: Ratio, v: Complexes) -> Complexes:
@@ -53,8 +56,41 @@ class LowPass:
 
 
 @dataclass(frozen=True)
+class Biquad:
+    """Second-order filter ((s² + 2ζ₁ω₁ s + ω₁²)/ω₁²) / ((s² + 2ζ₂ω₂ s + ω₂²)/ω₂²), with gain 1 at rest and (ω₂/ω₁)² at high frequency.
+
+    zero_frequency   ω₁ [rad/s]
+    zero_damping     ζ₁; 0 blocks ω₁ entirely
+    pole_frequency   ω₂ [rad/s], at which Tustin's rule is exact; sampled, ω₁ therefore comes out as (2/T_s) atan(ω₁/ω₂ tan(ω₂T_s/2))
+    pole_damping     ζ₂
+    """
+
+    zero_frequency: float
+    zero_damping: float
+    pole_frequency: float
+    pole_damping: float
+
+    def __post_init__(self) -> None:
+        require_positive("biquad", "zero_frequency", self.zero_frequency, "rad/s")
+        require_positive("biquad", "zero_damping", self.zero_damping, zero=True)
+        require_positive("biquad", "pole_frequency", self.pole_frequency, "rad/s")
+        require_positive("biquad", "pole_damping", self.pole_damping)
+
+    def polynomials(self, sample_time: float | None) -> Ratio:
+        """Numerator and denominator in v. Raises GainroomError unless both frequencies are below half the sample rate."""
+        return self._polynomials(sample_time, "biquad pole_frequency", "biquad zero_frequency")
+
+    def _polynomials(self, sample_time: float | None, poles: str, zeros: str) -> Ratio:
+        """Numerator and denominator in v; `poles` and `zeros` name the frequencies in messages."""
+        w, ratio = self.pole_frequency, (self.pole_frequency / self.zero_frequency) ** 2
+        _require_below_half(self.zero_frequency, sample_time, zeros)
+        num = ratio * np.array([1.0, 2 * self.zero_damping * self.zero_frequency, self.zero_frequency**2])
+        return _tustin(num, np.array([1.0, 2 * self.pole_damping * w, w * w]), w, sample_time, poles)
+
+
+@dataclass(frozen=True)
 class Notch:
-    """Notch filter (s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²).
+    """Notch filter (s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²), the biquad of equal frequencies.
 
     frequency   ω, where the notch is deepest [rad/s]
     width       w of a full notch (depth 0), whose half-power points lie at ω (√(1 + (w/2)²) ± w/2); 0.5: about a third of an
@@ -71,10 +107,13 @@ class Notch:
         require_positive("notch", "width", self.width)
         require_positive("notch", "depth", self.depth, zero=True)
 
+    def biquad(self) -> Biquad:
+        """The same filter as a biquad."""
+        return Biquad(self.frequency, self.depth * self.width / 2, self.frequency, self.width / 2)
+
     def polynomials(self, sample_time: float | None) -> Ratio:
-        """Numerator and denominator in v."""
-        w, damping = self.frequency, self.width * self.frequency
-        return _tustin(np.array([1.0, self.depth * damping, w * w]), np.array([1.0, damping, w * w]), w, sample_time, "notch frequency")
+        """Numerator and denominator in v. Raises GainroomError unless the frequency is below half the sample rate."""
+        return self.biquad()._polynomials(sample_time, "notch frequency", "notch frequency")
 
 
 @lru_cache(256)
@@ -86,11 +125,11 @@ def filtered_velocity(velocity_filter: LowPass | None, sample_time: float | None
 
 
 @lru_cache(256)
-def notch_product(notches: tuple[Notch, ...], sample_time: float | None) -> Factored:
-    """Product N of the notches in v."""
+def filter_product(filters: tuple[Notch | Biquad, ...], sample_time: float | None) -> Factored:
+    """Product N of notches and biquads in v."""
     product = ratio([1.0], [1.0], sample_time)
-    for notch in notches:
-        product = product * ratio(*notch.polynomials(sample_time), sample_time)
+    for one in filters:
+        product = product * ratio(*one.polynomials(sample_time), sample_time)
     return product
 
 
@@ -103,8 +142,7 @@ def _tustin(num: Floats, den: Floats, center: float, sample_time: float | None, 
     """`num`/`den` in s, mapped to δ by Tustin's rule exact at the frequency `center` [rad/s]; unchanged in continuous time."""
     if sample_time is None:
         return num, den
-    if center * sample_time >= math.pi:
-        raise GainroomError(f"{name} {center:g} rad/s must be below half the sample rate, {math.pi / sample_time:g} rad/s")
+    _require_below_half(center, sample_time, name)
     warp = math.tan(center * sample_time / 2) / (center * sample_time / 2)
     # s = δ / (warp (1 + T_s δ/2)); multiply through by the denominator's power.
     degree = len(den) - 1
@@ -121,3 +159,9 @@ def _tustin(num: Floats, den: Floats, center: float, sample_time: float | None, 
             total = np.polyadd(total, part)
         mapped.append(total)
     return mapped[0], mapped[1]
+
+
+def _require_below_half(frequency: float, sample_time: float | None, name: str) -> None:
+    """Raise GainroomError unless a frequency [rad/s] is below half the sample rate."""
+    if sample_time is not None and frequency * sample_time >= math.pi:
+        raise GainroomError(f"{name} {frequency:g} rad/s must be below half the sample rate, {math.pi / sample_time:g} rad/s")

@@ -61,6 +61,7 @@ GIVEN = {
     "kd": Usual(1e-8, 1e6, "N·m·s/rad", "N·mm·s/rad?"),
     "velocity_filter.bandwidth": Usual(3, 2e5, "rad/s", "kHz?"),
     "notch frequency": Usual(1, 2e5, "rad/s", "kHz?"),
+    "biquad frequency": Usual(1, 2e5, "rad/s", "kHz?"),
     "gain_margin_db": Usual(2.5, 40, "dB", "a factor?"),
     "phase_margin_deg": Usual(5, 90, "°", "rad?"),
     "peak_sensitivity": Usual(1.1, 5, "", "dB?"),
@@ -168,9 +169,13 @@ def of_control(controller: Any, sample_time: float | None) -> dict[str, Any]:
     values |= {quantity: getattr(controller, name) for quantity, name in gains.items()}
     if controller.velocity_filter is not None:
         values["velocity_filter.bandwidth"] = controller.velocity_filter.bandwidth
-    for notch in controller.notches:
-        if not _is_usual(notch.frequency, GIVEN["notch frequency"]):
-            values["notch frequency"] = notch.frequency
+    frequencies = {
+        "notch frequency": [notch.frequency for notch in controller.notches],
+        "biquad frequency": [frequency for one in controller.biquads for frequency in (one.zero_frequency, one.pole_frequency)],
+    }
+    for name, found in frequencies.items():
+        if unusual := [frequency for frequency in found if not _is_usual(frequency, GIVEN[name])]:
+            values[name] = unusual[-1]
     return values
 
 

@@ -13,7 +13,7 @@ from .controller import PD
 from .drive import Drive
 from .elastic_joint import ElasticJoint
 from .feedback import GivenFeedback, feedback_of
-from .filters import LowPass, Notch
+from .filters import FILTERS, Biquad, LowPass, Notch
 from .gain_bounds import GainBounds
 from .gain_path import GainPath
 from .linear.arrays import Booleans, Floats
@@ -100,6 +100,7 @@ class Control:
     sample_time: float | None = None
     velocity_filter: LowPass | None = None
     notches: tuple[Notch, ...] = ()
+    biquads: tuple[Biquad, ...] = ()
     rotors: bool = False
     weight: Floats | None = None
     kd_path: GainPath | None = None
@@ -109,6 +110,11 @@ class Control:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "feedback", feedback_of(self.feedback, self.controller))  # frozen
+
+    @property
+    def filters(self) -> dict[str, Any]:
+        """The filters around the tasks' gains, by argument of a controller's constructor."""
+        return {name: getattr(self, name) for name in FILTERS}
 
 
 @dataclass(frozen=True)
@@ -198,8 +204,8 @@ class System(Generic[Source]):
         return self.filtered(self.source.tasks(model, self.control.rotors).controller())
 
     def filtered(self, controller: PD) -> PD:
-        """`controller` with this system's velocity filter and notches."""
-        return replace(controller, velocity_filter=self.control.velocity_filter, notches=self.control.notches)
+        """`controller` with this system's filters."""
+        return replace(controller, **self.control.filters)
 
     def with_controller(self, controller: Any) -> "System":
         """System with `controller` in joint space."""

@@ -355,7 +355,7 @@ def _table(robot: "Robot", system: "System", gains: "GainTable | PD | None") -> 
             raise GainroomError(f"posture table: gains of {gains.everywhere.shape[1]} joints; the robot has {robot.body.size}")
         return gains
     pd = system.control.controller if gains is None else gains
-    if not isinstance(pd, PD) or pd.velocity_filter is not None or pd.notches or max(np.ndim(pd.kp), np.ndim(pd.kd)) > 1:
+    if not isinstance(pd, PD) or any(pd.filters.values()) or max(np.ndim(pd.kp), np.ndim(pd.kd)) > 1:
         raise GainroomError("posture table: gains must be a PD with one kp and kd per joint, without filters")
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), robot.body.size) for gain in (pd.kp, pd.kd))
     return GainTable.of(dict.fromkeys(robot.contacts, (kp, kd)))

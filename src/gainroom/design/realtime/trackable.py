@@ -53,7 +53,7 @@ def require_trackable(robot: "Robot", system: System, contacts: Sequence[str]) -
     refused = {
         "a controller other than PD": not (tasks or isinstance(pd, PD)),
         "tasks with P/PI": tasks and any(task.ki is not None for task in robot.stack),
-        "filters": tasks and (control.velocity_filter is not None or bool(control.notches)),
+        "filters": tasks and any(control.filters.values()),
         "a path of its own for kd": control.kd_path is not None,
         "encoders on the link's side": not control.feedback.motor,
         "gravity stiffness": bool(robot.gravity),
@@ -64,7 +64,7 @@ def require_trackable(robot: "Robot", system: System, contacts: Sequence[str]) -
         "rigid among elastic joints under sampled control": bool(control.sample_time and elastic.any() and not elastic.all()),
     }
     if isinstance(pd, PD) and not tasks:
-        refused["filters"] = pd.velocity_filter is not None or bool(pd.notches)
+        refused["filters"] = any(pd.filters.values())
         refused["gain matrices"] = np.ndim(pd.kp) > 1 or np.ndim(pd.kd) > 1
     for what, there in refused.items():
         if there:
