@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .native import warmup as warmup
     from .simulation import Friction as Friction, Scenario as Scenario, Testbed as Testbed, simulate as simulate
     from .studies.analysis import Analysis as Analysis, State as State, analyze as analyze
+    from .studies.comparison import Comparison as Comparison, ComparisonSettings as ComparisonSettings, compare as compare
     from .studies.joint import JointStudy as JointStudy, study_joint as study_joint
     from .studies.sweep.store import open_sweep as open_sweep
     from .system.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
@@ -68,6 +69,7 @@ _HOME = {
     "system.system": ("System", "Control", "JointSpec"),
     "studies.analysis": ("analyze", "Analysis", "State"),
     "studies.joint": ("study_joint", "JointStudy"),
+    "studies.comparison": ("compare", "Comparison", "ComparisonSettings"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
     "design.realtime.tracker": ("GainTracker", "TrackedLimit", "TrackedMotion"),

@@ -38,14 +38,18 @@ class ExactJoint:
             raise GainroomError(f"a comparison is of one joint, not of {plant.size}")
         if parts.sample_time is None:
             raise GainroomError("control.sample_rate_hz is missing: structures are compared as they run, sampled")
-        from_parts = actuated_state(plant, parts.drives)
-        motor, link, motor_rate, link_rate = (from_parts.c[k : k + 1] for k in range(4))
-        elastic = math.isfinite(plant.stiffness[0])
-        spring = plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate) if elastic else np.nan * motor
-        sensed = np.vstack([motor, link, spring])
-        system = StateSpace(from_parts.a, from_parts.b[:, [0, 2]], sensed, np.zeros((3, 2)))
+        system = sensed_state(parts)
         return cls(hold(system, np.array([parts.delays[0], 0.0]), parts.sample_time), parts.sample_time)
 
     def at(self, omega: Floats) -> Complexes:
         """Responses (k, 3, 2) from inputs to outputs at omega [rad/s] (k,)."""
         return self.state_space.at(np.expm1(1j * omega * self.sample_time) / self.sample_time)
+
+
+def sensed_state(parts: Parts) -> StateSpace:
+    """Continuous state space of one joint from (torque into the current loop, load torque) to SENSORS, without delay."""
+    plant, found = parts.plant, actuated_state(parts.plant, parts.drives)
+    motor, link, motor_rate, link_rate = (found.c[k : k + 1] for k in range(4))
+    elastic = math.isfinite(plant.stiffness[0])
+    spring = plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate) if elastic else np.nan * motor
+    return StateSpace(found.a, found.b[:, [0, 2]], np.vstack([motor, link, spring]), np.zeros((3, 2)))

@@ -1,0 +1,108 @@
+"""Structures by the name under which files, commands and results have them."""
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ...errors import GainroomError, one_line
+from .joint_responses import DRIVE, HOST
+from .structures import Structure
+
+NAMES = ("pd", "pid", "ppi", "split")
+"""Names of structures; a ppi is a pid, whose feedback is the same."""
+MOST_BIQUADS = 3
+USUAL = ("pd", "pid", "pd+biquad", "split")
+"""Structures that are compared where none are named, as far as the sensors are known."""
+OPTION = re.compile(r"(?:(\d+)\s*)?biquads?|drive")
+
+
+def structure_of(entry: Any, position: str = "motor") -> Structure:
+    """Structure of an entry: a key such as pd, pd+biquad, pd+2biquads or torque_feedback+drive, or a mapping {pd: {biquads: 1}}.
+
+    position   sensor of the position
+
+    Raises GainroomError, with the nearest name, for other entries.
+    """
+    name, options = _parted(entry)
+    if name not in NAMES:
+        near = difflib.get_close_matches(name, NAMES, 1, 0.0)[0]
+        raise GainroomError(f"structure {one_line(repr(name), 40)} must be one of {', '.join(NAMES)}; the nearest is {near}")
+    biquads, drive = options.pop("biquads", 0), options.pop("drive", False)
+    if options:
+        raise GainroomError(f"structure {name}: {one_line(repr(next(iter(options))), 40)} must be biquads or drive")
+    if isinstance(biquads, bool) or not isinstance(biquads, int) or not 0 <= biquads <= MOST_BIQUADS:
+        raise GainroomError(f"structure {name}: biquads {one_line(repr(biquads), 20)} must be a whole number from 0 to {MOST_BIQUADS}")
+    if not isinstance(drive, bool) or (drive and name != "torque_feedback"):
+        raise GainroomError(f"structure {name}: drive {one_line(repr(drive), 20)} must be true or false, of torque_feedback alone")
+    if biquads and name in ("split", "torque_feedback"):
+        raise GainroomError(f"structure {name}: biquads are for pd and pid")
+    parts = [name if name != "ppi" else "pid", *([f"{biquads if biquads > 1 else ''}biquad{'s' * (biquads > 1)}"] if biquads else [])]
+    found = Structure("+".join([*parts, *(["drive"] if drive else [])]), position, biquads=biquads)
+    if name in ("pid", "ppi"):
+        return replace(found, integral=True)
+    if name == "split":
+        return replace(found, velocity=DRIVE)
+    if name == "torque_feedback":
+        return replace(found, velocity=DRIVE if drive else HOST, torque=DRIVE if drive else HOST)
+    return found
+
+
+def _parted(entry: Any) -> tuple[str, dict[str, Any]]:
+    """Name and options of an entry."""
+    if isinstance(entry, Mapping):
+        if len(entry) != 1:
+            raise GainroomError(f"structure {one_line(repr(dict(entry)), 60)} must have one name, such as {{pd: {{biquads: 1}}}}")
+        ((name, given),) = entry.items()
+        if given is not None and not isinstance(given, Mapping):
+            raise GainroomError(f"structure {name}: {one_line(repr(given), 40)} must be a mapping, such as {{biquads: 1}}")
+        return str(name), dict(given or {})
+    if not isinstance(entry, str):
+        raise GainroomError(f"structure {one_line(repr(entry), 40)} must be a name, such as pd, or {{pd: {{biquads: 1}}}}")
+    name, *parts = (part.strip() for part in entry.split("+"))
+    options: dict[str, Any] = {}
+    for part in parts:
+        match = OPTION.fullmatch(part)
+        if match is None:
+            raise GainroomError(f"structure {one_line(repr(entry), 40)}: {part!r} must be biquad, 2biquads or drive")
+        options |= {"drive": True} if part == "drive" else {"biquads": int(match[1] or 1)}
+    return name, options
+
+
+def starts_from(structure: Structure, smaller: Structure, found: Mapping[str, float]) -> list[dict[str, float]]:
+    """Parameters of `structure`, by field, at which it does what `smaller` does with the parameters `found`; [] where it cannot.
+
+    What `smaller` lacks is neutral: a biquad whose zeros are its poles, at several frequencies; no feedback of torque; little integral.
+    """
+    if structure.position != smaller.position or structure.velocity != smaller.velocity or smaller.biquads > structure.biquads:
+        return []
+    if (smaller.integral and not structure.integral) or (smaller.torque and not structure.torque):
+        return []
+    return _completed(structure, dict(found))
+
+
+def _completed(structure: Structure, found: dict[str, float]) -> list[dict[str, float]]:
+    ranges = structure.ranges
+    base = {name: found[name] if name in found else _neutral(name, one.low, one.high, found) for name, one in ranges.items()}
+    free = [k for k in range(structure.biquads) if f"zero_frequency_{k}" not in found]
+    if not free:
+        return [base]
+    every = []
+    for share in (0.15, 0.4, 0.65, 0.9):
+        own = dict(base)
+        for k in free:
+            one = ranges[f"zero_frequency_{k}"]
+            at = one.low ** (1 - share) * one.high**share
+            own |= {f"zero_frequency_{k}": at, f"pole_frequency_{k}": 1.03 * at if 1.03 * at < one.most else at}
+            own |= {f"zero_damping_{k}": 0.7, f"pole_damping_{k}": 0.74}
+        every.append(own)
+    return every
+
+
+def _neutral(name: str, low: float, high: float, found: Mapping[str, float]) -> float:
+    if name in ("ktau", "kstau"):
+        return 0.0
+    if name == "ki":
+        return 0.05 * found["kp"]
+    return high if name == "bandwidth" else (low * high) ** 0.5

@@ -1,0 +1,444 @@
+"""Controllers of one joint compared at equal robustness: what another structure, another sensor, or kd in the drive buys it.
+
+Every structure is tuned under the same ceilings at every corner of the joint's box: sensitivity, delay reserve and torque noise, by default
+the noise that the best PD in the box makes. Its winner is proved by the margins of its loop, at every corner and at samples inside.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..analysis.margin_record import Margins, worst_of
+from ..analysis.margins import margins
+from ..design.comparison.catalogue import USUAL, starts_from, structure_of
+from ..design.comparison.ceilings import Ceilings
+from ..design.comparison.closed_loop import Corners, curves
+from ..design.comparison.joint_responses import Joint, quadrature
+from ..design.comparison.objective import Objective
+from ..design.comparison.structure_search import (
+    FINE,
+    Found,
+    Problem,
+    boxed,
+    corner_places,
+    held_harder,
+    require_comparable,
+    sample_places,
+    searched,
+)
+from ..design.comparison.structures import Structure
+from ..design.parallel import in_parallel
+from ..errors import GainroomError
+from ..system.gain_path import GainPath
+from ..system.system import System
+from ..system.uncertainty import NOMINAL, Place
+from .progress import Progress, quiet
+
+SHARE = 0.5
+"""Delay reserve as a share of the drive's delay, where none is given."""
+DRIVE_DELAY, DRIVE_RATE = 1e-4, 20e3
+"""Delay [s] and least rate [Hz] of the drive's own loop, where none is given."""
+KNEE = 1.15
+"""Factor within which the best structure on the same sensor and host is no reason to leave PD."""
+FAR_OFF = 2.0
+"""Factor on the worst objective of the box's design above which a design tuned at nominal is fragile, though stable."""
+TIGHTENED = 4
+"""Searches with a tighter sensitivity where that of the exact loop is above that of the search."""
+SENSITIVITY = 1e-6
+"""Relative excess of a peak over its ceiling that counts as round-off."""
+FRAGILE_STIFFNESS, FRAGILE_LOAD, FRAGILE_DELAY = (0.8, 1.0, 1.2), (0.5, 1.0, 1.5), (0.0, 5e-4)
+"""Factors and extra delays [s] of the joints on which a design tuned at nominal is tried."""
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """What is compared: section `compare` of a joint's file.
+
+    structures   entries as structure_of takes them; (): those whose sensors are known
+    objective    what is made small
+    sensor_noise standard deviation per sample by sensor: of an encoder step/√12 [rad], of the torque sensor [N m]
+    path         the drive's own loop; None: 0.1 ms, 20 kHz
+    delay_reserve, torque_noise   ceilings [s], [N m]; None: half of the drive's delay; what the best PD needs
+    """
+
+    structures: tuple[Any, ...] = ()
+    objective: Objective = field(default_factory=Objective)
+    sensor_noise: Mapping[str, float] = field(default_factory=dict)
+    path: GainPath | None = None
+    delay_reserve: float | None = None
+    torque_noise: float | None = None
+
+
+@dataclass(frozen=True)
+class Fragile:
+    """A structure tuned at the nominal values alone, and what becomes of it on perturbed joints.
+
+    objective   at the nominal values
+    unstable, tried   perturbed joints in which it is unstable, of how many
+    worst       largest objective over the box's corners; inf where unstable in one
+    fragile     True: it is unstable in some, or far off the design for the box
+    parameters  by name, SI
+    """
+
+    objective: float
+    unstable: int
+    tried: int
+    worst: float
+    fragile: bool
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One structure.
+
+    structure     key, such as pd+biquad
+    controller    System with the controller found, which joint, simulate and export take; None where none was found
+    parameters    by name, SI
+    objective, worst, worst_at   at the nominal values, the largest over the box's corners, and where
+    margins, worst_margins       at the nominal values, and of each margin the least over corners and samples
+    proved        number of places whose margins were worked out
+    delay_reserve [s] the least over the corners: any delay up to it may be added, by the disk of the complementary sensitivity
+    noise         largest rms torque command over the corners [N m]; NaN where a sensor's noise is not known
+    sensors       that it needs
+    where         it runs
+    gap           (objective of the second best start)/(that of the best) − 1; NaN where only one kept the ceilings
+    fragile       of the same structure tuned at nominal; None where that was not tried
+    broken        what breaks the box; "" where the design holds
+    """
+
+    structure: str
+    controller: System | None
+    parameters: Mapping[str, float]
+    objective: float
+    worst: float
+    worst_at: str
+    margins: Margins | None
+    worst_margins: Margins | None
+    proved: int
+    delay_reserve: float
+    noise: float
+    sensors: tuple[str, ...]
+    where: str
+    gap: float
+    fragile: Fragile | None
+    broken: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """True if a design was found that keeps every ceiling in the box."""
+        return not self.broken
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Structures compared on one joint.
+
+    rows         in the order asked for
+    bound        value of the objective that no linear controller on the host at this rate and delay is below; None: not worked out
+    certificate  of the bound
+    system       with the box; ceilings and objective that held for every row
+    """
+
+    rows: tuple[Row, ...]
+    bound: float | None
+    certificate: Any
+    system: System
+    ceilings: Ceilings
+    objective: Objective
+
+    def row(self, structure: str) -> Row:
+        """Row of one structure. Raises GainroomError where there is none."""
+        for one in self.rows:
+            if one.structure == structure:
+                return one
+        raise GainroomError(f"comparison: {structure!r} must be one of {', '.join(one.structure for one in self.rows)}")
+
+    @property
+    def best_beside_pd(self) -> Row | None:
+        """Best row on the sensors of pd, on the host; None where there is no other."""
+        pd = next((one for one in self.rows if one.structure == "pd"), None)
+        others = [one for one in self.rows if pd is not None and one.holds and one is not pd and _alike(one, pd)]
+        return min(others, key=lambda one: one.worst, default=None)
+
+    @property
+    def leave_pd(self) -> bool:
+        """True if no structure on the same sensor and host is better than PD by more than KNEE: leave PD as it is."""
+        pd, best = next((one for one in self.rows if one.structure == "pd"), None), self.best_beside_pd
+        return pd is not None and pd.holds and best is not None and pd.worst <= KNEE * best.worst
+
+
+def _alike(one: Row, other: Row) -> bool:
+    return one.sensors == other.sensors and one.where == other.where
+
+
+def compare(
+    system: System,
+    structures: Sequence[Any] | None = None,
+    *,
+    settings: ComparisonSettings | None = None,
+    nominal: bool = True,
+    progress: Progress = quiet,
+) -> Comparison:
+    """Structures of a controller of one joint, each tuned under the same ceilings over the joint's box.
+
+    system      of one joint, with a rate; its own gains do not matter
+    structures  keys (pd, pid, pd+biquad, split, torque_feedback, …) or mappings such as {"pd": {"biquads": 1}}; None: those of the settings
+    settings    None: those of the system's file, else the usual ones
+    nominal     True: each structure is also tuned at the nominal values alone, to tell how fragile that is
+
+    Raises GainroomError for several joints, without a rate, and for structures and sensors that are not known.
+    """
+    require_comparable(system)
+    chosen = settings or ComparisonSettings()
+    boxes = boxed(system)
+    wanted = _wanted(boxes, chosen, structures)
+    path = chosen.path or _usual_path(boxes)
+    problem = Problem(boxes, _ceilings(boxes, chosen), chosen.objective, path)
+    steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted))
+    plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
+    steps.tell("pd, whose noise is the ceiling of the torque noise")
+    pd = searched(problem, plain, progress=steps.checkpoint)
+    if problem.ceilings.torque_noise is None and pd is not None and plain.position in problem.ceilings.sensor_noise:
+        problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=_noise(problem, pd)))
+    rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], (plain, pd), nominal, steps)
+    steps.tell("")
+    return Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective)
+
+
+class _Steps:
+    """Progress of a comparison, step by step."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._done, self._what = progress, total, -1, ""
+
+    def tell(self, what: str, steps: int = 1) -> None:
+        """Report that the next steps begin."""
+        self._done, self._what = min(self._done + steps, self._total), what
+        self.checkpoint()
+
+    def checkpoint(self) -> None:
+        """Report that the present step goes on."""
+        self._progress(max(self._done, 0), self._total, self._what)
+
+
+def _wanted(system: System, settings: ComparisonSettings, structures: Sequence[Any] | None) -> list[Structure]:
+    """Structures asked for, each once. Raises GainroomError for one whose sensor is not known."""
+    entries = tuple(structures if structures is not None else settings.structures)
+    position, sensors = _position(system), {_position(system), *settings.sensor_noise}
+    elastic = math.isfinite(system.source.stiffness)
+    found: dict[str, Structure] = {}
+    for entry in entries or USUAL:
+        one = structure_of(entry, position)
+        missing = [sensor for sensor in one.sensors if sensor not in sensors]
+        if not entries and (missing or (one.torque and not elastic)):
+            continue
+        if one.torque and not elastic:
+            raise GainroomError(f"structure {one.key}: needs the torque of the gearbox's spring, and joint.stiffness is rigid")
+        if missing:
+            raise GainroomError(f"structure {one.key}: needs compare.sensors.torque_noise, the noise of the joint's torque sensor [N·m]")
+        found.setdefault(one.key, one)
+    return list(found.values())
+
+
+def _position(system: System) -> str:
+    """Sensor of the position: that of the file's gains. Raises GainroomError where they measure both sides."""
+    feedback = system.control.feedback
+    if feedback.mixed:
+        raise GainroomError("control.feedback: a comparison needs motor or link, the side that structures measure the position on")
+    return feedback.position
+
+
+def _usual_path(system: System) -> GainPath:
+    """The drive's own loop: the least multiple of the host's rate from DRIVE_RATE on."""
+    step = system.control.sample_time
+    assert step is not None
+    return GainPath(DRIVE_DELAY, step / max(1, math.ceil(DRIVE_RATE * step - 1e-9)))
+
+
+def _ceilings(system: System, settings: ComparisonSettings) -> Ceilings:
+    """Ceilings that every structure is held to; the torque noise None where it is that of the best PD."""
+    asked = {name: getattr(system.requirements, name) for name in system.requirements.asked}
+    reserve = settings.delay_reserve if settings.delay_reserve is not None else SHARE * system.delay
+    noise = settings.torque_noise if settings.torque_noise is not None else asked.get("torque_noise")
+    sensed, step = dict(settings.sensor_noise), system.drives[0].resolution
+    if step > 0:
+        sensed.setdefault(_position(system), step / math.sqrt(12))
+    limits = {"peak_sensitivity": asked["peak_sensitivity"]} if "peak_sensitivity" in asked else {}
+    return Ceilings(reserve, torque_noise=noise, sensor_noise=sensed, **limits)
+
+
+def _rows(problem: Problem, wanted: list[Structure], pd: tuple[Structure, Found | None], nominal: bool, steps: _Steps) -> list[Row]:
+    """Rows of the structures, tuned in an order in which each begins at the optima of those that it contains."""
+    known = {True: {pd[0].key: pd}, False: dict[str, tuple[Structure, Found | None]]()}
+    rows: dict[str, Row] = {}
+    left = list(wanted)
+    while left:
+        ready = [one for one in left if not any(_contains(one, other) for other in left if other is not one)]
+        kinds = [(one, box) for one in ready for box in ((True, False) if nominal else (True,)) if one.key not in known[box]]
+        jobs = [
+            lambda checkpoint, one=one, box=box: searched(
+                problem, one, _starts(one, known[box]), None if box else [NOMINAL], progress=checkpoint
+            )
+            for one, box in kinds
+        ]
+        steps.tell(", ".join(one.key for one in ready), len(kinds))
+        for (one, box), found in zip(kinds, in_parallel(jobs, steps.checkpoint), strict=True):
+            known[box][one.key] = one, found
+        tuned = [(one, known[True][one.key][1], known[False].get(one.key, (one, None))[1]) for one in ready]
+        proofs = [
+            lambda checkpoint, one=one, found=found, alone=alone: _row(problem, one, found, alone, checkpoint)
+            for one, found, alone in tuned
+        ]
+        rows |= dict(zip((one.key for one in ready), in_parallel(proofs, steps.checkpoint), strict=True))
+        left = [one for one in left if one not in ready]
+    return [rows[one.key] for one in wanted]
+
+
+def _contains(structure: Structure, other: Structure) -> bool:
+    """True if `structure` can do what `other` does, and more."""
+    return len(structure.ranges) > len(other.ranges) and bool(starts_from(structure, other, dict.fromkeys(other.ranges, 1.0)))
+
+
+def _starts(structure: Structure, known: Mapping[str, tuple[Structure, Found | None]]) -> list[Any]:
+    """Coordinates of `structure` at the optima of the structures that it contains."""
+    starts: list[Any] = []
+    for other, found in known.values():
+        if found is not None and _contains(structure, other):
+            values = other.by_field(found.x)
+            starts += [structure.coordinates(one) for one in starts_from(structure, other, values)]
+    return starts
+
+
+def _noise(problem: Problem, found: Found) -> float:
+    """Largest rms torque command over the corners [N m]; NaN where the noise of a sensor is not known."""
+    if any(sensor not in problem.ceilings.sensor_noise for sensor in found.structure.sensors):
+        return math.nan
+    ceilings = replace(problem.ceilings, torque_noise=1.0)
+    largest = 0.0
+    for place in corner_places(problem.system):
+        joint = problem.joint(found.structure, place)
+        responses = joint.at(joint.grid(FINE))
+        density = curves(found.structure, found.x[None], joint, responses, ceilings).noise
+        assert density is not None
+        largest = max(largest, math.sqrt(float(density[0] @ quadrature(responses.omega))))
+    return largest
+
+
+def _reserve(problem: Problem, found: Found) -> float:
+    """Least delay reserve over the corners [s]: the largest τ with Σ|L_p S||1 − e^(−jωτ_p)| ≤ 1, τ_p in the ratio of the reserves."""
+    least = math.inf
+    for place in corner_places(problem.system):
+        joint = problem.joint(found.structure, place)
+        omega = joint.grid(FINE)
+        responses, low, high = joint.at(omega), 0.0, 64.0
+        for _ in range(40):
+            middle = (low + high) / 2
+            later = replace(joint, reserves={path: middle * one for path, one in joint.reserves.items()})
+            kept = curves(found.structure, found.x[None], later, responses, problem.ceilings).delay.max() <= 1
+            low, high = (middle, high) if kept else (low, middle)
+        least = min(least, low * problem.ceilings.delay_reserve)
+    return least
+
+
+def _row(problem: Problem, structure: Structure, found: Found | None, alone: Found | None, checkpoint: Callable[[], None]) -> Row:
+    """Row of a structure from its search in the box and, where there was one, at the nominal values."""
+    if found is None:
+        nothing = (math.nan, math.nan, "", None, None, 0, math.nan, math.nan)
+        broken = "no parameters were found that are stable at every corner of the box"
+        return Row(structure.key, None, {}, *nothing, structure.sensors, structure.where, math.nan, None, broken)
+    found, proof = _proved(problem, found, checkpoint)
+    system = structure.system(found.x, problem.system, problem.path)
+    return Row(
+        structure.key,
+        system,
+        structure.by_field(found.x),
+        found.objective,
+        found.worst,
+        _text(problem.system, found.at),
+        proof.nominal,
+        proof.worst,
+        proof.count,
+        _reserve(problem, found),
+        _noise(problem, found),
+        structure.sensors,
+        structure.where,
+        math.expm1(found.gap),
+        None if alone is None else _fragile(problem, alone, found.worst),
+        proof.broken,
+    )
+
+
+@dataclass(frozen=True)
+class _Proof:
+    """Margins of a winner's loops: nominal, and the worst over `count` places; `broken`: what breaks the box."""
+
+    nominal: Margins
+    worst: Margins
+    count: int
+    broken: str
+
+
+def _proved(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> tuple[Found, _Proof]:
+    """`found`, searched on with a tighter sensitivity where margins show more of it than the search did, and its proof."""
+    for _ in range(TIGHTENED):
+        proof = _proof(problem, found, checkpoint)
+        excess = proof.worst.peak_sensitivity / problem.ceilings.peak_sensitivity
+        if not found.holds or not proof.broken or not excess > 1:
+            return found, proof
+        tighter = held_harder(problem, found, excess * (1 + SENSITIVITY), checkpoint)
+        if tighter is None:
+            return found, proof
+        found = tighter
+    return found, _proof(problem, found, checkpoint)
+
+
+def _proof(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> _Proof:
+    places = list(dict.fromkeys([*corner_places(problem.system), *found.places]))
+    if not found.structure.in_drive:
+        places += sample_places(problem.system)
+    every = []
+    for place in places:
+        checkpoint()
+        system = problem.system.at(place)
+        every.append(margins(found.structure.system(found.x, system, problem.path).loop()))
+        if not every[-1].stable:
+            return _Proof(every[0], every[-1], len(every), f"unstable at {_text(problem.system, place)}")
+    worst, limit = worst_of(every), problem.ceilings.peak_sensitivity
+    peaks = [one.peak_sensitivity for one in every]
+    if found.broken is not None:
+        broken = f"a ceiling is exceeded by {100 * math.expm1(max(found.excess, 0.0)):.2g} % at {_text(problem.system, found.broken)}"
+        return _Proof(every[0], worst, len(every), broken)
+    highest = int(np.argmax(peaks))
+    over = peaks[highest] > limit * (1 + SENSITIVITY)
+    broken = f"Ms {peaks[highest]:.4g} at {_text(problem.system, places[highest])}" if over else ""
+    return _Proof(every[0], worst, len(every), broken)
+
+
+def _text(system: System, place: Place) -> str:
+    """Place in the box in words; "" at the nominal values."""
+    return next(case.place for case in [system.case_at(place, *system.source.states[0])])
+
+
+def _fragile(problem: Problem, found: Found, worst: float) -> Fragile:
+    """What becomes of parameters tuned at the nominal values on perturbed joints; `worst`: largest objective of those tuned in the box."""
+    joint, delay = problem.system.source, problem.system.delay
+    changed = [
+        {"stiffness": stiffness * joint.stiffness, "link_inertia": load * joint.link_inertia, "delay": delay + more}
+        for stiffness in FRAGILE_STIFFNESS
+        for load in FRAGILE_LOAD
+        for more in FRAGILE_DELAY
+    ]
+    unstable = 0
+    for values in changed:
+        system = problem.system.with_values(**values)
+        one = Joint.of(system, problem.ceilings.delay_reserve, problem.path if found.structure.in_drive else None)
+        corners = Corners(found.structure, [one], problem.ceilings, problem.objective, FINE)
+        unstable += int(not corners.all(found.x[None]).stable[0])
+    there = problem.corners(found.structure, corner_places(problem.system), FINE).all(found.x[None])
+    reached = math.exp(float(there.objective[0])) if there.stable[0] else math.inf
+    fragile = unstable > 0 or reached > FAR_OFF * worst
+    return Fragile(found.objective, unstable, len(changed), reached, fragile, found.structure.by_field(found.x))

@@ -1,0 +1,117 @@
+"""Controllers compared at equal robustness: laws, ceilings and counts of turns against other computations, and the designs found."""
+
+import math
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from compared_joints import bench, ceilings, fig9, knee, nominal
+from gainroom.design.comparison.catalogue import structure_of
+from gainroom.design.comparison.closed_loop import curves, is_stable
+from gainroom.errors import GainroomError
+
+KEYS = ("pd", "pid", "pd+biquad", "pid+2biquads")
+
+
+def random_vectors(key, count, seed):
+    """A structure on the joint of figure 9, with coordinates in the box where its search starts."""
+    system = fig9()
+    structure = structure_of(key).scaled_to(system, gr.GainPath(1e-4, 5e-5))
+    low, high = structure.box
+    return system, structure, low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_the_law_that_is_searched_is_the_controller_that_is_found(key):
+    """Its loop as build_loop makes it has the same return ratio; round-off of sampled plants, found in two ways, is 1e-9 of it."""
+    system, structure, x = random_vectors(key, 5, 1)
+    joint = nominal(system)
+    omega = np.geomspace(1.0, 6000.0, 60)
+    found = curves(structure, x, joint, joint.at(omega), ceilings(system))
+    for row in range(len(x)):
+        loop = structure.system(x[row], system, gr.GainPath(1e-4, 5e-5)).loop()
+        np.testing.assert_allclose(found.returned[row], loop.response(omega), rtol=1e-7)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_turns_count_what_roots_count(key):
+    """But for loops so near the edge that the samples miss the pole: |S| is then above 10 beside it, which every ceiling refuses."""
+    system, structure, x = random_vectors(key, 150, 2)
+    joint = nominal(system)
+    omega = joint.grid(3.0)
+    found = curves(structure, x, joint, joint.at(omega), ceilings(system))
+    turned = is_stable(structure, x, joint, omega, found.returned)
+    exact = np.array([gr.is_stable(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()) for one in x])
+    clear = 2 * found.sensitivity.max(axis=1) < 10
+    assert 5 < np.count_nonzero(clear & exact) < np.count_nonzero(clear) - 5
+    np.testing.assert_array_equal(turned[clear], exact[clear])
+
+
+@pytest.mark.parametrize(("system", "worst"), [(fig9(), 0.926), (bench(), 4.32), (knee(), 0.363)])
+def test_pd_in_the_box_reaches_what_another_search_found(system, worst):
+    """Worst peaks of |q/d| [mrad/(N m)] of a prototype with a grid of its own, which rounds to three digits."""
+    settings = gr.ComparisonSettings()
+    found = gr.compare(system, ["pd"], settings=settings, nominal=False).row("pd")
+    assert found.holds
+    assert 1e3 * found.worst == pytest.approx(worst, rel=0.01)
+    assert found.worst_margins is not None
+    assert found.worst_margins.peak_sensitivity <= 2 * (1 + 1e-6)
+    assert found.delay_reserve >= system.delay / 2 * (1 - 1e-6)
+    loop = found.controller.loop()
+    assert 1 / gr.dynamic_stiffness(loop).least == pytest.approx(found.objective, rel=2e-3)  # the load held over a tick, or not
+
+
+@pytest.mark.slow
+def test_two_runs_find_the_same():
+    one, other = (gr.compare(fig9(), ["pd", "pd+biquad"], nominal=False) for _ in range(2))
+    for first, second in zip(one.rows, other.rows, strict=True):
+        assert first.parameters == second.parameters
+        assert first.worst == second.worst
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("pdd", "the nearest is pd"),
+        ({"pd": {"biquad": 1}}, "must be biquads or drive"),
+        ({"pd": {"biquads": 9}}, "from 0 to 3"),
+        ("split+biquad", "biquads are for pd and pid"),
+    ],
+)
+def test_structures_that_are_not_known_are_refused(entry, words):
+    with pytest.raises(GainroomError, match=words):
+        gr.compare(fig9(), [entry])
+
+
+def test_a_loop_without_a_rate_is_refused():
+    from dataclasses import replace
+
+    system = fig9()
+    with pytest.raises(GainroomError, match=r"control\.sample_rate_hz is missing"):
+        gr.compare(replace(system, control=replace(system.control, sample_time=None)))
+
+
+def test_the_disk_of_delays_is_a_delay_margin():
+    """|T||1 − e^(−jωτ)| ≤ 1 and |L| = 1 at a phase margin φ: |T| = 1/(2 sin φ/2), so ωτ ≤ φ."""
+    system, structure, x = random_vectors("pd+biquad", 400, 3)
+    joint, limits = nominal(system), ceilings(system)
+    omega = joint.grid(3.0)
+    found = curves(structure, x, joint, joint.at(omega), limits)
+    stable = is_stable(structure, x, joint, omega, found.returned)
+    kept = stable & (found.delay.max(axis=1) <= 1)
+    assert np.count_nonzero(kept) > 10
+    for one in x[kept]:
+        margin = gr.margins(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()).delay_margin
+        assert margin >= limits.delay_reserve * (1 - 1e-3)  # the disk is looked at on a grid
+
+
+def test_a_cascade_is_a_pid():
+    """P/PI is the PID of kp' = kv kp + ki, ki' = ki kp, kd' = kv."""
+    kp, kv, ki = 8.0, 150.0, 700.0
+    cascade, pid = gr.PPI(kp, kv, ki), gr.PID(kv * kp + ki, ki * kp, kv)
+    omega = np.geomspace(0.1, 6000.0, 50)
+    first, second = (gr.build_loop(fig9().source, fig9().drives[0], one, sample_time=5e-4).response(omega) for one in (cascade, pid))
+    np.testing.assert_allclose(first, second, rtol=1e-11)
+    assert structure_of("ppi") == structure_of("pid")
+    assert math.isfinite(abs(first).max())
