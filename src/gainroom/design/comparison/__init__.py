@@ -7,4 +7,8 @@ joint_responses   the same at one place in its uncertainty, of laws on the host 
 structures        laws of a parameter vector; catalogue: by the names that files give them
 closed_loop       curves, ceilings and stability of many parameter vectors at once
 structure_search  best parameters over the box: global_search, then local_search
+bound             peak compliance that no linear controller on one sensor beats
+certificate       the weights that prove it, as a small file that anybody can recompute
+dual_grid         what weights prove: the theory, on one grid
+closed_maps       every closed loop of a joint, affine in one free stable response
 """

@@ -1,0 +1,102 @@
+"""A peak of the link's compliance below which no linear controller on one sensor comes: weights that ascend, and their certificate."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...system.linear.arrays import Floats
+from .ceilings import Ceilings
+from .certificate import Certificate
+from .closed_maps import Stabilised
+from .dual_grid import DualGrid, least_squares
+from .exact_joint import ExactJoint
+
+STEP = 2 * math.pi * 0.1  # rad/s, at most: joints stiffen and resonate from some hertz on
+PER_DECADE = 60  # knots
+RATE = 0.5  # of the ascent
+FLOOR = 3e-3  # share of the compliance's weight that stays spread over low frequencies
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What no linear controller on `certificate.sensor` that meets the ceilings comes below: peak |q/d| = `value` [rad/(N m)].
+
+    points: of half a circle on both grids; agreement: relative difference of their values.
+    """
+
+    value: float
+    certificate: Certificate
+    points: tuple[int, int]
+    agreement: float
+
+
+def lower_bound(joint: ExactJoint, ceilings: Ceilings, sensor: str = "motor", steps: int = 40) -> Bound:
+    """Lower bound of the peak compliance over all linear controllers on one sensor, by `steps` of ascent of its weights.
+
+    Raises GainroomError where the sensor sees too little to stabilise the joint, and where the weights' values do not agree.
+    """
+    half_rate = math.pi / joint.sample_time
+    points = 2 ** max(13, math.ceil(math.log2(half_rate / STEP)))
+    frequency = _knots(half_rate, half_rate / points)
+    grid = DualGrid.of(Stabilised.of(joint, (sensor,)), joint, ceilings, sensor, frequency, points)
+    weights, noise_weight = _ascended(grid, frequency, steps)
+    table, noise_weight = _short(weights), float(_short(np.array([noise_weight]))[0])
+    unclaimed = Certificate(joint, ceilings, sensor, frequency, table, noise_weight, points, 0.0)
+    value = unclaimed.check()
+    return Bound(value, replace(unclaimed, value=value), (points, 2 * points), unclaimed.agreement)
+
+
+def box_bound(joints: Sequence[ExactJoint], ceilings: Ceilings, sensor: str = "motor") -> Bound:
+    """Largest of the joints' bounds: one controller for all of them is a controller for each, and its worst peak is no lower."""
+    return max((lower_bound(joint, ceilings, sensor) for joint in joints), key=lambda bound: bound.value)
+
+
+def _short(values: Floats) -> Floats:
+    """Values with 7 digits: what is written is what was checked, and files stay small."""
+    return np.array([float(f"{value:.7g}") for value in values.ravel()]).reshape(values.shape)
+
+
+def _knots(half_rate: float, step: float) -> Floats:
+    """Frequencies [rad/s] of the weights' table: 4 steps apart at first, then in geometric progression."""
+    ratio = 10 ** (1 / PER_DECADE)
+    found = [0.0]
+    while found[-1] * ratio < half_rate - 8 * step:
+        found.append(max(found[-1] + 4 * step, found[-1] * ratio))
+    return np.array([*found, half_rate])
+
+
+def _ascended(grid: DualGrid, frequency: Floats, steps: int) -> tuple[Floats, float]:
+    """Best table of weights, and ν, of some steps of mirror ascent: a weight grows by as much as its ceiling is exceeded."""
+
+    def of_mean(values: Floats, mean: float) -> Floats:
+        return values * mean / (values @ grid.masses)
+
+    def low(corner: float) -> Floats:
+        return 1 / (1 + (frequency / corner) ** 2)  # corner [rad/s]: where to begin only
+
+    base = of_mean(low(30), 1.0)
+    table = np.array([of_mean(low(20), 1.0), of_mean(low(200), 0.05), np.full_like(base, 1e-4)])
+    noise_weight = 0.05 if len(grid.fixed) > len(table) else 0.0
+    unit = float(np.abs(grid.fixed[0]).max())  # of compliance [rad/(N m)]; other weights are in units of its square
+    best, found = -math.inf, (table, noise_weight)
+    for step in range(steps):
+        table = np.array([(1 - FLOOR) * of_mean(table[0], 1.0) + FLOOR * base, table[1] + 1e-5 * base, table[2] + 1e-6])
+        weights = grid.all_weights(table, noise_weight)
+        weights[0] /= unit**2
+        least, q = least_squares(weights, grid.fixed, grid.free)
+        value = (least - weights[1:].mean(axis=1).sum()) * unit**2
+        if value > best:
+            best, found = value, (table * np.array([[1.0], [unit**2], [unit**2]]), noise_weight * unit**2)
+        reached = grid.fixed + grid.free * q
+        shares = reached.real**2 + reached.imag**2  # of each ceiling, squared
+        cost = float((shares[0] * weights[0]).mean())
+        shares[0] /= unit**2 * max(cost, 1e-12)
+        growth = [np.clip(grid.means(share) - 1, -most, most) for share, most in zip(shares[:3], (3.0, 1.5, 1.5), strict=True)]
+        table = table * np.exp(RATE * np.array(growth))
+        if noise_weight:
+            noise_weight *= math.exp(RATE * min(float(shares[3].mean()) - 1, 1.5))
+        if step < 3:  # begin where penalties and cost are of one size
+            unit *= math.sqrt(cost)
+    return found
