@@ -273,6 +273,7 @@ def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[st
         "audit",
         "sweep",
         "export",
+        "compare",
         "simulate",
         "verify",
         "log",

@@ -10,6 +10,7 @@ import pytest
 
 from gainroom.cli import main
 from gainroom.files import joint_scenario as scenario_sections, joint_yaml as config, system_sections as config_sections
+from gainroom.files.compare_section import ComparedSensorsSection, CompareSection
 from gainroom.files.gain_formats import actuator_configs, gain_arrays, gain_record, ros2_control
 from gainroom.files.identified_section import IdentifiedSection
 from robot_files import write_arm
@@ -33,6 +34,8 @@ SECTIONS = [
     config_sections.limits_section(),
     config.JointUncertaintySection,
     IdentifiedSection,
+    CompareSection,
+    ComparedSensorsSection,
     scenario_sections.ScenarioSection,
     scenario_sections.StepSection,
     scenario_sections.MoveSection,

@@ -13,7 +13,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE, ANSWER = "page.html", "answer.json"
 SHIPPED = ("fig9", "talos-knee", "testbed", "testbed-sampled", "testbed-simulated", "biped", "biped-simulated")
 COMMANDS = (
-    *("joint", "robot", "audit", "sweep", "export", "simulate", "verify", "log", "diagnose", "app", "example", "reproduce", "identify"),
+    *("joint", "robot", "audit", "sweep", "export", "compare", "simulate", "verify", "log", "diagnose"),
+    *("app", "example", "reproduce", "identify"),
     *(f"identify {each}" for each in ("delay", "joint", "gains", "stiffness", "plan")),
 )
 

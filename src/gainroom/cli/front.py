@@ -9,6 +9,7 @@ from typer.main import get_command
 
 from .app import app as page
 from .audit import audit
+from .compare import compare
 from .diagnose import diagnose
 from .example import example
 from .export import export
@@ -34,6 +35,7 @@ app.command(name="robot", short_help="A whole robot: limits with all joints clos
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
 app.command(name="sweep", short_help="A whole robot in every posture: the worst one, and how sure that is.")(sweep)
 app.command(name="export", short_help="Gains into the files of simulators and controllers, as a difference first.")(export)
+app.command(name="compare", short_help="Is PD the problem? Other structures at equal robustness.")(compare)
 app.command(name="simulate", short_help="Simulate a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)

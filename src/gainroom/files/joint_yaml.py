@@ -39,6 +39,8 @@ from .system_sections import (
 
 if TYPE_CHECKING:
     from ..simulation.simulation_spec import JointSimulation
+    from ..studies.comparison import ComparisonSettings
+    from .compare_section import CompareSection
     from .identified_section import IdentifiedSection
     from .joint_scenario import ScenarioSection
 
@@ -85,6 +87,23 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
         return simulation if file.identified is None else replace(simulation, identified=file.identified.coulomb)
 
 
+def load_comparison(path: Path) -> "tuple[System, ComparisonSettings]":
+    """Joint of a joint.yaml, whose gains may be left out, and what is compared on it; otherwise as load_joint."""
+    return parse_comparison(read_text(path), str(path))
+
+
+def parse_comparison(text: str, source: str) -> "tuple[System, ComparisonSettings]":
+    """Joint and comparison in the text of a joint.yaml, which messages call `source`; otherwise as load_comparison."""
+    from ..design.comparison.structure_search import require_comparable
+
+    with named(source), Together() as together:
+        file = _file(text, source, two_paths=True, together=together, may_ask=True)
+        system = together.step(file.spec)
+        section = file.compare or _compare_section().model_validate({})
+        require_comparable(system())
+        return system(), section.settings(system())
+
+
 def _file(text: str, source: str, two_paths: bool, together: Together, may_ask: bool = False) -> "JointFile":
     """Joint file as far as it is valid; the problems are added to `together`."""
     file = partly(JointFile, parse_as("joint", text, source, "testbed", together), source, together)
@@ -106,6 +125,13 @@ def _identified_section() -> "type[IdentifiedSection]":
     from .identified_section import IdentifiedSection
 
     return IdentifiedSection
+
+
+def _compare_section() -> "type[CompareSection]":
+    """Section `compare`, imported only here, because its module loads the search for structures."""
+    from .compare_section import CompareSection
+
+    return CompareSection
 
 
 def _scenario_section() -> "type[ScenarioSection]":
@@ -194,6 +220,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
     gain_bounds: GainBoundsSection | None = None
     scenario: Annotated[Any, made_when_read(_scenario_section, optional=False)] = None
     identified: Annotated[Any, made_when_read(_identified_section)] = None
+    compare: Annotated[Any, made_when_read(_compare_section)] = None
 
     def spec(self) -> System:
         """System in SI. Raises GainroomError where sections contradict each other."""

@@ -1,0 +1,129 @@
+"""gainroom compare: what another controller, another sensor, or damping in the drive buys a joint at equal robustness."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import AsJson, Report, Verbose, number_option, report_stream, text_output, typed_command
+from .output import present
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..studies.comparison import Comparison, ComparisonSettings, Row
+
+
+def compare(
+    context: typer.Context,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A joint.yaml with control.sample_rate_hz; gains may be left out.", show_default=False),
+    ],
+    structures: Annotated[
+        str | None,
+        typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, pd+2biquads, split …", show_default=False),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        number_option("--noise", "in N·m", "Largest rms torque command that noise may make [N·m], else the best PD's.", show_default=False),
+    ] = None,
+    objective: Annotated[
+        str | None, typer.Option(metavar="NAME", help="dynamic_stiffness, white_load or step_load.", show_default=False)
+    ] = None,
+    bound: Annotated[bool, typer.Option(help="Also what no linear controller can beat.")] = True,
+    write: Annotated[
+        Path | None, typer.Option(metavar="JOINT.yaml", help="Also write the joint with the controller found.", show_default=False)
+    ] = None,
+    take: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Structure for --write, else the one to use as the joint is.", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    report: Report = None,
+) -> int:
+    """Is PD the problem? Other structures, another sensor, kd in the drive: tuned at equal margins, delay reserve and torque noise.
+
+    \b
+    Example:
+      gainroom compare joint.yaml --report compare.html
+      gainroom compare joint.yaml --structures pd,split --write better.yaml --take split
+
+    Exit status: 0 done; 2 the file or the call is wrong; 130 interrupted.
+    """
+    from ..errors import GainroomError, named
+    from ..files.compare_section import assumption
+    from ..files.joint_yaml import load_comparison
+
+    if take is not None and write is None:
+        raise GainroomError(f"--take {take}: is for --write, which names the file")
+    given, settings = load_comparison(file)
+    settings = _settings(settings, noise, objective)
+    keys = None if structures is None else [_structure(one.strip(), "--structures") for one in structures.split(",")]
+    taken = None if take is None else _structure(take, "--take")
+    if taken is not None and keys is not None and taken not in keys:
+        raise GainroomError(f"--take {take}: must be one of --structures {structures}")
+    with report_stream(report, write) as page, text_output(write, "joint.yaml", yaml_of="--write") as joint:
+        from ..report.comparison_text import ComparisonPresentation
+        from ..studies.comparison import compare as compared
+
+        with progress_bar("compare:") as progress, named(str(file)):
+            found = compared(given, keys, settings=settings, progress=progress)
+        row = None if joint is None else _taken(found, taken)
+        call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint": write}
+        shown = ComparisonPresentation(found, given, str(file), assumption(given, settings), row, call=call, files=files)
+        present(shown, as_json, verbose)
+        if page is not None:
+            from ..report.comparison import comparison_page
+
+            page.write(comparison_page(shown, typed_command(context)))
+        if joint is not None and row is not None:
+            joint.write(_joint_text(found, row, file))
+    return 0
+
+
+def _settings(settings: "ComparisonSettings", noise: float | None, objective: str | None) -> "ComparisonSettings":
+    """Settings of the file with what the command line says otherwise. Raises GainroomError for numbers and names that do not fit."""
+    from dataclasses import replace
+
+    from ..design.comparison.objective import OBJECTIVES, Objective
+    from ..errors import require_positive
+    from ..io.validation import require_one_of
+
+    if noise is not None:
+        require_positive("--noise", "torque noise", noise, "N·m")
+        settings = replace(settings, torque_noise=noise)
+    if objective is not None:
+        names = [name for name in OBJECTIVES if name != "low_frequency_compliance" or settings.objective.name == name]
+        require_one_of(f"--objective {objective}", objective, names)
+        settings = replace(settings, objective=settings.objective if objective == settings.objective.name else Objective(objective))
+    return settings
+
+
+def _structure(key: str, option: str) -> str:
+    """Key of a structure as results have it. Raises GainroomError for one that is not known."""
+    from ..design.comparison.catalogue import structure_of
+    from ..errors import named
+
+    with named(option):
+        return structure_of(key).key
+
+
+def _taken(found: "Comparison", key: str | None) -> "Row":
+    """Row to write. Raises GainroomError where there is none that holds the box."""
+    from ..errors import GainroomError
+    from ..report.comparison_text import winner
+
+    row = winner(found) if key is None else found.row(key)
+    if row is None or not row.holds:
+        why = "no structure holds the box" if row is None else f"{row.structure} does not hold the box: {row.broken}"
+        raise GainroomError(f"--write: {why}")
+    return row
+
+
+def _joint_text(found: "Comparison", row: "Row", file: Path) -> str:
+    """Text of the joint.yaml to write."""
+    from .. import __version__
+    from ..files.compared_joint import compared_text
+    from ..io.yaml_text import read_text
+
+    return compared_text(found, row, read_text(file), str(file), __version__)

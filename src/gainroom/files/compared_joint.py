@@ -1,0 +1,93 @@
+"""Text of a joint.yaml with the controller that a comparison found, the limits that it was held to, and the box that it holds."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..io.as_typed import as_typed
+from ..studies.comparison import Comparison, Row
+from ..system.controller import type_of
+from ..system.filters import FILTERS
+from ..system.requirements import REQUIREMENTS
+from ..system.system import System
+from .edited_text import edited, quoted, written
+from .joint_yaml import parse_comparison
+
+UNITS = {"delay": ("delay_ms", 1e3)}
+"""Keys of `uncertainty` that differ from the name of the quantity, and their units per SI."""
+
+
+def compared_text(found: Comparison, row: Row, text: str, source: str, version: str) -> str:
+    """The joint.yaml `text`, which messages call `source`, with the controller of `row`. It is read again before it is handed back."""
+    assert row.controller is not None
+    result = text
+    for key, section in (("control", control_section(row.controller)), ("limits", _limits(found, row))):
+        result = edited(result, source, {(key,): section}, _as_block if _is_block(text, key) else plain)
+    boxed = found.system.uncertainty
+    if not parse_comparison(text, source)[0].uncertainty.names:
+        keys = {name: UNITS.get(name, (name, 1.0)) for name in boxed.names}
+        ranges = {key: [unit * float(end) for end in getattr(boxed, name)] for name, (key, unit) in keys.items()}
+        result = edited(result, source, {("uncertainty",): ranges}, plain)
+    head = f"# Controller {row.structure}, found by gainroom compare {version}: the stiffest that keeps these limits in this box.\n"
+    parse_comparison(head + result, "the joint.yaml to be written")
+    return head + result
+
+
+def _is_block(text: str, key: str) -> bool:
+    """True if a section of the YAML `text` has its keys on lines of their own, two spaces in."""
+    return re.search(rf"^{key}:[ \t]*(#.*)?\n  \w", text, re.MULTILINE) is not None
+
+
+def control_section(system: System) -> dict[str, Any]:
+    """Section `control` of a joint.yaml for the controller of `system`."""
+    control, controller = system.control, system.control.controller
+    found: dict[str, Any] = {"type": type_of(controller)}
+    found |= {key: _seven(getattr(controller, key)) for key in controller.gain_names()}
+    for name in FILTERS:
+        filters = getattr(controller, name)
+        if filters:
+            found[name] = [_numbers(one) for one in filters] if isinstance(filters, tuple) else _numbers(filters)
+    found["feedback"] = control.feedback.written
+    if control.sample_time is not None:
+        found["sample_rate_hz"] = _seven(1 / control.sample_time)
+    if control.kd_path is not None:
+        path = control.kd_path
+        found["kd_path"] = {"delay_ms": _seven(1e3 * path.delay), "sample_rate_hz": _seven(1 / path.sample_time)}
+    return found
+
+
+def _numbers(one: Any) -> dict[str, float]:
+    """Numbers of a filter, by key; a damping ratio that an order of 1 has not is left out."""
+    found = {name: getattr(one, name) for name in one.__dataclass_fields__}
+    if found.get("order") == 1:
+        found = {name: value for name, value in found.items() if name not in ("order", "damping_ratio")}
+    return {name: value if isinstance(value, int) else _seven(value) for name, value in found.items()}
+
+
+def _seven(value: Any) -> float:
+    return float(f"{float(value):.7g}")
+
+
+def _limits(found: Comparison, row: Row) -> dict[str, float]:
+    """The peak sensitivity that was the ceiling, and those of the file's limits that the controller meets everywhere in the box."""
+    asked, worst, kept = found.system.requirements, row.worst_margins, dict[str, float]()
+    for one, needed in asked.asked_for:
+        if worst is not None and asked.met(one.name, one.value(worst)):
+            kept[one.key] = as_typed(one.in_unit(needed))
+    return {**kept, REQUIREMENTS["peak_sensitivity"].key: found.ceilings.peak_sensitivity}
+
+
+def _as_block(section: Mapping[str, Any]) -> str:
+    """Section with a key per line, two spaces in but for the first."""
+    return "\n  ".join(f"{key}: {plain(value)}" for key, value in section.items())
+
+
+def plain(value: Any) -> str:
+    """Value in YAML's flow style, with words as they are."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{quoted(name)}: {plain(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(plain, value)) + "]"
+    return written(value)

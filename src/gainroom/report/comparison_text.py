@@ -1,0 +1,412 @@
+"""Comparison of structures as sentences and columns, and its presentation."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..design.comparison.objective import Objective
+from ..errors import listed
+from ..files.compared_joint import control_section, plain
+from ..studies.comparison import SHARE, Comparison, Row
+from ..system.system import System
+from .columns import Column, facts
+from .margin_columns import MARGIN
+from .number_format import MISSED, digits, hertz, milli, rate
+from .page import Advice
+from .page_parts import uncertainty_text
+from .presentation import Part, Presentation, TextTable, closing, do_this
+
+EQUAL = "at equal margins, delay reserve and torque noise"
+NEEDS = {"motor": "motor encoder", "link": "link encoder", "torque": "torque sensor"}
+"""Names of sensors."""
+UNSURE = 0.02
+"""Gap of the two best starts above which it is told in sentences."""
+SMALL = {
+    "dynamic_stiffness": ("peak of |q/d|", "mrad/N·m", "stiffer"),
+    "low_frequency_compliance": ("peak of |q/d| up to {0}", "mrad/N·m", "stiffer"),
+    "white_load": ("rms deviation for a white load", "mrad/N·m·√Hz", "quieter"),
+    "step_load": ("rms deviation in the second after a step of the load", "mrad/N·m", "quieter"),
+}
+"""Objectives: what they are, their unit in thousandths, and what a link with less of it is."""
+
+
+def name_of(structure: str) -> str:
+    """Name of a structure for people: "PD + biquad", "kd in the drive"."""
+    law, *options = structure.split("+")
+    names = {"pd": "PD", "pid": "PID (= P/PI)", "split": "kd in the drive", "dob": "PD + disturbance observer", "observer": "observer"}
+    if law == "torque_feedback":
+        return "torque sensor, drive" if "drive" in options else "torque sensor, host"
+    return " + ".join([names.get(law, law), *(option.replace("biquad", " biquad").strip() for option in options)])
+
+
+def measure(objective: Objective) -> str:
+    """What is made small, in words."""
+    return SMALL[objective.name][0].format(hertz(objective.below))
+
+
+def unit(objective: Objective) -> str:
+    """Unit of the objective's thousandths."""
+    return SMALL[objective.name][1]
+
+
+def capital(text: str) -> str:
+    """Text with a capital letter first."""
+    return text[:1].upper() + text[1:]
+
+
+def thousandths(value: float) -> str:
+    """Objective in thousandths, without unit; ∞ where unstable."""
+    return "∞" if math.isinf(value) else milli(value, 0.0)
+
+
+def times(found: Comparison, value: float) -> float:
+    """Worst objective of PD over `value`; NaN without a PD that holds the box."""
+    pd = pd_row(found)
+    return math.nan if pd is None or not pd.holds or not value > 0 else pd.worst / value
+
+
+def pd_row(found: Comparison) -> Row | None:
+    """Row of PD; None where it was not asked for."""
+    return next((row for row in found.rows if row.structure == "pd"), None)
+
+
+def winner(found: Comparison) -> Row | None:
+    """Row to use as the joint is: PD, or what beats it on the same sensor and host; the best of all where PD was not asked for."""
+    pd, best = pd_row(found), found.best_beside_pd
+    if pd is not None and pd.holds:
+        return pd if found.leave_pd or best is None or best.worst >= pd.worst else best
+    holding = [row for row in found.rows if row.holds]
+    return best or min(holding, key=lambda row: row.worst, default=None)
+
+
+def sentence(found: Comparison) -> str:
+    """Answer: what to do about PD, then what else would buy what, then what nothing can beat."""
+    return " ".join(filter(None, [_verdict(found), _others(found), _bound(found)]))
+
+
+def _verdict(found: Comparison) -> str:
+    pd, best = pd_row(found), found.best_beside_pd
+    if pd is None:
+        first = winner(found)
+        if first is None:
+            return "None of these structures holds the box."
+        return f"Best of these: {name_of(first.structure)}. {_moves(found, first)}"
+    if not pd.holds:
+        return f"PD does not hold the box: {pd.broken}."
+    moves, much = _moves(found, pd), SMALL[found.objective.name][2]
+    if best is None or best.worst >= pd.worst:
+        return f"{'Leave PD: nothing else here on the same encoder and host is better.' if best else ''} {moves}".strip()
+    name, more = name_of(best.structure), times(found, best.worst)
+    if found.leave_pd:
+        return f"Leave PD: the best here on the same encoder and host, {name}, is only {digits(more, '×', 3)} {much}. {moves}"
+    return f"PD is not the best here: {name} makes the link {digits(more, '×', 2)} {much} {EQUAL}, without a sensor. {moves}"
+
+
+def _moves(found: Comparison, row: Row) -> str:
+    """Sentence on the worst objective of a row."""
+    value, name = f"{thousandths(row.worst)} {unit(found.objective)}", name_of(row.structure)
+    if found.objective.name == "dynamic_stiffness":
+        return f"With {name} a load moves the link by up to {value}, at the worst of the box."
+    return f"With {name} it is {value}, at the worst of the box: {measure(found.objective)}."
+
+
+def _others(found: Comparison) -> str:
+    """What other places and sensors buy, against PD."""
+    pd = pd_row(found)
+    if pd is None or not pd.holds:
+        return ""
+    every = [row for row in found.rows if row.holds and row is not pd]
+    elsewhere = [row for row in every if row.sensors == pd.sensors and row.where != pd.where]
+    sensed = [row for row in every if row.sensors != pd.sensors]
+    parts = []
+    if elsewhere:
+        best = min(elsewhere, key=lambda row: row.worst)
+        parts.append(f"{name_of(best.structure)} {_factor(found, best)}, no sensor needed")
+    if sensed:
+        best = min(sensed, key=lambda row: row.worst)
+        host = [row for row in sensed if row.where == pd.where]
+        least = min([row for row in every if row.sensors == pd.sensors] + [pd], key=lambda row: row.worst)
+        first = min(host, key=lambda row: row.worst) if host else best
+        text = f"a torque sensor {_factor(found, first)}"
+        text += f", {_factor(found, best)} with {_place(best)}" if best is not first and best.worst < first.worst else ""
+        share = least.worst / best.worst
+        worth = f"{digits(share, '×', 2)} the best without it" if share > 1 else "no better than the best without it"
+        parts.append(f"{text}: {worth}")
+    return f"Against PD: {'; '.join(parts)}." if parts else ""
+
+
+def _place(row: Row) -> str:
+    """Part of a law that runs in the drive, in words."""
+    return row.where.partition(", ")[2] or row.where
+
+
+def _factor(found: Comparison, row: Row) -> str:
+    return digits(times(found, row.worst), "×", 2)
+
+
+def _bound(found: Comparison) -> str:
+    if found.bound is None:
+        return ""
+    pd = pd_row(found)
+    value = f"{thousandths(found.bound)} {unit(found.objective)}"
+    against = f", {digits(times(found, found.bound), '×', 2)} PD" if pd is not None and pd.holds else ""
+    return f"No linear controller on this encoder, at this rate and delay, does better than {value}{against}."
+
+
+def fragile_text(row: Row) -> str:
+    """Table cell on the same structure tuned at nominal: in how many perturbed joints it is unstable."""
+    one = row.fragile
+    if one is None:
+        return "–"
+    if one.unstable:
+        return f"{MISSED} {one.unstable} of {one.tried}"
+    return f"{MISSED} {_worse(row)}" if one.fragile else f"0 of {one.tried}"
+
+
+def _worse(row: Row) -> str:
+    """How much worse the design tuned at nominal is in the box."""
+    assert row.fragile is not None
+    return f"{digits(row.fragile.worst / row.worst, '×', 2)} worse"
+
+
+def fragile_sentence(found: Comparison) -> str:
+    """Sentence on designs that look best at nominal values and fall apart; "" where there is none."""
+    texts = []
+    for row in found.rows:
+        if row.fragile is not None and row.fragile.fragile:
+            unstable = f"unstable in {row.fragile.unstable} of {row.fragile.tried} perturbed joints"
+            texts.append(f"{name_of(row.structure)} ({unstable if row.fragile.unstable else _worse(row)})")
+    if not texts:
+        return ""
+    return f"Fragile where tuned at the nominal values alone: {listed(texts, most=6)}. What stands here was tuned in the box."
+
+
+@dataclass(frozen=True)
+class Line:
+    """Line of the table: a structure's row, or the bound."""
+
+    found: Comparison
+    row: Row | None
+
+    @property
+    def worst(self) -> float:
+        """Worst objective in the box."""
+        if self.row is not None:
+            return self.row.worst
+        return math.nan if self.found.bound is None else self.found.bound
+
+
+def _of(value: Any) -> Any:
+    """Function of a line from one of its row; a dash for the bound and for what was not found."""
+    return lambda line: "–" if line.row is None or line.row.controller is None else value(line.row)
+
+
+BOUND_NAME = "no linear controller"
+TABLE = [
+    Column("structure", "", lambda line: BOUND_NAME if line.row is None else name_of(line.row.structure)),
+    Column("needs", "", _of(lambda row: " + ".join(NEEDS[one] for one in row.sensors)), definition="sensors"),
+    Column("runs", "", lambda line: "host" if line.row is None else line.row.where),
+    Column("worst", "", lambda line: line.worst, shown=lambda line: _worst(line), definition="in the box"),
+    Column("× PD", "", lambda line: times(line.found, line.worst), shown=lambda line: _against(line), definition="PD's worst over it"),
+    Column("nominal", "", _of(lambda row: thousandths(row.objective)), definition="the same design at the nominal values"),
+    Column("Ms", "", _of(lambda row: digits(row.worst_margins.peak_sensitivity, "", 3))),
+    Column("reserve", "", _of(lambda row: digits(1e3 * row.delay_reserve, "ms", 3)), definition="any delay up to it may be added"),
+    Column("noise", "", _of(lambda row: digits(row.noise, "N·m", 3)), definition="rms torque command"),
+    Column("gap", "", _of(lambda row: gap_text(row)), definition="between the two best starts of the search"),
+    Column("fragile", "", _of(fragile_text), definition="tuned at nominal alone: unstable in so many perturbed joints"),
+]
+"""Columns of a Line."""
+SHORT = [column for column in TABLE if column.title not in ("needs", "runs", "noise", "gap")]
+"""Columns on a terminal: the rest is in the names, or told where it matters."""
+
+
+def _worst(line: Line) -> str:
+    if line.row is None:
+        return f"≥ {thousandths(line.worst)}"
+    if line.row.holds:
+        return thousandths(line.row.worst)
+    return f"{MISSED} {thousandths(line.row.worst)}" if math.isfinite(line.row.worst) else f"{MISSED} none"
+
+
+def _against(line: Line) -> str:
+    if line.row is not None and not line.row.holds:
+        return "–"
+    text = digits(times(line.found, line.worst), "×", 3)
+    return f"≤ {text}" if line.row is None else text
+
+
+def gap_text(row: Row) -> str:
+    """Gap of the two best starts, in percent."""
+    return "–" if math.isnan(row.gap) else f"{digits(100 * row.gap, '%', 2)}" if row.gap >= 1e-3 else "< 0.1 %"
+
+
+def lines(found: Comparison) -> list[Line]:
+    """Lines of the table: the structures, then the bound."""
+    return [*(Line(found, row) for row in found.rows), *([] if found.bound is None else [Line(found, None)])]
+
+
+def broken_texts(found: Comparison) -> list[str]:
+    """What breaks the box, of every structure that does not hold it."""
+    return [f"{name_of(row.structure)} does not hold the box: {row.broken}." for row in found.rows if not row.holds]
+
+
+def ceilings_text(found: Comparison, given: System) -> str:
+    """What every structure was held to, and where that comes from; `given`: the joint as its file describes it."""
+    asked, ceilings = given.requirements.asked, found.ceilings
+    parts = [f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'limits' if 'peak_sensitivity' in asked else 'usual'})"]
+    half = math.isclose(ceilings.delay_reserve, SHARE * given.delay)
+    parts.append(f"delay reserve ≥ {digits(1e3 * ceilings.delay_reserve, 'ms', 3)} ({'half of the delay' if half else 'as asked'})")
+    if ceilings.torque_noise is not None:
+        pd = pd_row(found)
+        needed = pd is not None and math.isclose(ceilings.torque_noise, pd.noise, rel_tol=1e-6)
+        parts.append(f"torque noise ≤ {digits(ceilings.torque_noise, 'N·m', 3)} rms ({'what the best PD makes' if needed else 'as asked'})")
+    boxed = "the file's" if given.uncertainty.names else "usual"
+    return f"Held to, everywhere in the box: {', '.join(parts)}. Box ({boxed}): {uncertainty_text(found.system)}."
+
+
+@dataclass(frozen=True)
+class ComparisonPresentation(Presentation):
+    """Presentation of a comparison.
+
+    given     the joint as its file describes it
+    file      its name
+    assumed   what was assumed where the file says nothing
+    written   file with the controller of `taken`; None: none was asked for
+    """
+
+    found: Comparison
+    given: System
+    file: str = "joint.yaml"
+    assumed: Sequence[str] = ()
+    taken: Row | None = None
+
+    @property
+    def chosen(self) -> Row | None:
+        """Row that is written, or that may be used as the joint is."""
+        return self.taken or winner(self.found)
+
+    @property
+    def advice(self) -> Advice | None:
+        """Controller to use, as lines of `control`, and what to do with it."""
+        row, written = self.chosen, self.files.get("Joint")
+        if row is None or row.controller is None:
+            return None
+        name = name_of(row.structure)
+        if written is not None:
+            return Advice(f"{name} is in {written}:", [f"gainroom joint {written}", f"gainroom simulate {written}"])
+        copy = [f"{self.call} --write better.yaml", "gainroom joint better.yaml"]
+        then = f"Or as a copy of {self.file} with these limits and this box:", copy
+        return Advice(f"Use {name}, in {self.file} under control:", control_lines(row.controller), then=then)
+
+    def facts(self) -> dict[str, Any]:
+        found = self.found
+        return {
+            "sentence": sentence(found),
+            "findings": findings(found),
+            "objective": {"name": found.objective.name, "below_rad_s": found.objective.below},
+            "recommended": None if self.chosen is None else self.chosen.structure,
+            "rows": [row_facts(found, row) for row in found.rows],
+            "bound": None if found.bound is None else bound_facts(found),
+            "ceilings": {
+                "peak_sensitivity": found.ceilings.peak_sensitivity,
+                "delay_reserve_ms": 1e3 * found.ceilings.delay_reserve,
+                "torque_noise": found.ceilings.torque_noise,
+                "sensor_noise": dict(found.ceilings.sensor_noise),
+            },
+            "box": {name: [float(end) for end in getattr(found.system.uncertainty, name)] for name in found.system.uncertainty.names},
+            "assumed": list(self.assumed),
+        }
+
+    def screens(self, verbose: bool) -> Iterator[list[Part]]:
+        found = self.found
+        model = f"{measure(found.objective)} [{unit(found.objective)}], {rate(1 / (self.given.control.sample_time or 1.0))}"
+        yield [
+            sentence(found),
+            *filter(None, [fragile_sentence(found)]),
+            *broken_texts(found),
+            "",
+            TextTable.of(capital(model), TABLE if verbose else SHORT, lines(found), ("reserve", "nominal", "Ms")),
+            ceilings_text(found, self.given),
+            *do_this(self.advice),
+            *closing(self.files, assumed=self.assumed, notes=unsure(found)),
+        ]
+
+
+WIDE = 78
+"""Most characters of a line to type."""
+
+
+def control_lines(system: System) -> list[str]:
+    """Lines of `control` in a joint.yaml, without what the file has already."""
+    found = []
+    for key, value in control_section(system).items():
+        line = f"{key}: {plain(value)}"
+        while len(line) > WIDE and (cut := line.rfind(", ", 0, WIDE)) > 0:
+            found.append(line[: cut + 1])
+            line = "  " + line[cut + 2 :]
+        found += [line] if key not in ("sample_rate_hz", "feedback") or (key == "feedback" and isinstance(value, dict)) else []
+    return found
+
+
+def unsure(found: Comparison) -> list[str]:
+    """Notes on searches whose two best starts ended apart."""
+    rows = [f"{name_of(row.structure)} {gap_text(row)}" for row in found.rows if row.gap > UNSURE]
+    return [f"the two best starts of a search ended apart, so a better design may be left: {listed(rows, most=6)}"] if rows else []
+
+
+def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
+    """JSON of a row."""
+    return {
+        "structure": row.structure,
+        "name": name_of(row.structure),
+        "controller": None if row.controller is None else control_section(row.controller),
+        "parameters": dict(row.parameters),
+        "nominal": row.objective,
+        "worst": row.worst,
+        "worst_at": row.worst_at,
+        "times_pd": times(found, row.worst),
+        "holds": row.holds,
+        "broken": row.broken,
+        "margins": None if row.margins is None else facts(MARGIN, row.margins),
+        "worst_margins": None if row.worst_margins is None else facts(MARGIN, row.worst_margins),
+        "places_proved": row.proved,
+        "delay_reserve_ms": 1e3 * row.delay_reserve,
+        "torque_noise": row.noise,
+        "sensors": list(row.sensors),
+        "runs": row.where,
+        "gap": row.gap,
+        "fragile": None if row.fragile is None else _fragile_facts(row),
+    }
+
+
+def _fragile_facts(row: Row) -> dict[str, Any]:
+    one = row.fragile
+    assert one is not None
+    return {
+        "fragile": one.fragile,
+        "nominal": one.objective,
+        "worst": one.worst,
+        "unstable": one.unstable,
+        "tried": one.tried,
+        "parameters": dict(one.parameters),
+    }
+
+
+def bound_facts(found: Comparison) -> dict[str, Any]:
+    """JSON of the bound with its certificate."""
+    return {"value": found.bound, "times_pd": times(found, found.bound or math.nan), "certificate": found.certificate}
+
+
+def findings(found: Comparison) -> list[dict[str, Any]]:
+    """JSON of what a program would act on: leave PD or not, boxes that do not hold, fragile designs."""
+    pd, best, made = pd_row(found), found.best_beside_pd, list[dict[str, Any]]()
+    if pd is not None and pd.holds and best is not None:
+        code = "leave_pd" if found.leave_pd else "pd_beaten"
+        made.append({"code": code, "structure": best.structure, "times_pd": times(found, best.worst)})
+    made += [{"code": "box_not_held", "structure": row.structure, "broken": row.broken} for row in found.rows if not row.holds]
+    return made + [
+        {"code": "fragile", "structure": row.structure, "unstable": row.fragile.unstable, "tried": row.fragile.tried}
+        for row in found.rows
+        if row.fragile is not None and row.fragile.fragile
+    ]

@@ -1,0 +1,174 @@
+"""gainroom compare: the answer for a person and a program, the page, the joint that it writes, and calls that are wrong."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.files.joint_yaml import load_joint, parse_comparison
+from gainroom.report.comparison_text import winner
+
+JOINT = """\
+# A joint whose load is known well.
+joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 1.0e4, damping: 1.0}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+control:
+  type: pid                 # whatever it is now
+  kp: 1.0e3
+  ki: 10.0
+  kd: 100.0
+  feedback: motor
+  sample_rate_hz: 2000
+limits: {gain_margin_db: 6.0, phase_margin_deg: 50.0, peak_sensitivity: 2.0}
+uncertainty: {link_inertia: [8.0, 24.0], stiffness: 20%}
+"""
+ROBOT = "model: {file: arm.urdf}\njoints: {default: {stiffness: 1.0e4}}\n"
+
+
+@pytest.fixture
+def joint(tmp_path: Path) -> Path:
+    path = tmp_path / "joint.yaml"
+    path.write_text(JOINT, "utf-8")
+    return path
+
+
+def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, Any]:
+    assert main([*map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+    """The one line of a refusal, exit status 2."""
+    assert main([*map(str, words)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    (line,) = [one for one in told.err.splitlines() if one]
+    return line
+
+
+@pytest.mark.slow
+def test_answer_page_and_joint(joint: Path, tmp_path: Path, capsys):
+    """One call makes all: every number of the JSON is that of gr.compare, and the written joint is judged as it was compared."""
+    page, written = tmp_path / "compare.html", tmp_path / "better.yaml"
+    call = ["compare", joint, "--structures", "pd,split", "--no-bound", "--report", page, "--write", written, "--take", "pd"]
+    found = asked(capsys, *call)
+    pd, split = found["rows"]
+    assert [pd["structure"], split["structure"]] == ["pd", "split"]
+    assert split["times_pd"] == pytest.approx(pd["worst"] / split["worst"])
+    assert split["times_pd"] > 1.5
+    assert pd["runs"] == "host"
+    assert split["runs"] == "host, kd in the drive"
+    assert pd["sensors"] == split["sensors"] == ["motor"]
+    assert found["bound"] is None
+    assert found["box"] == {"link_inertia": [8.0, 24.0], "stiffness": [pytest.approx(8e3), pytest.approx(1.2e4)]}
+    assert found["ceilings"]["peak_sensitivity"] == 2.0
+    assert found["ceilings"]["delay_reserve_ms"] == pytest.approx(1.0)  # half of the drive's delay
+    assert found["ceilings"]["torque_noise"] == pytest.approx(pd["torque_noise"])  # by definition what the best PD makes
+    for row in (pd, split):
+        assert row["holds"]
+        assert row["broken"] == ""
+        assert row["worst"] >= row["nominal"] > 0
+        assert row["worst_margins"]["peak_sensitivity"] <= 2.0 + 1e-5
+        assert row["delay_reserve_ms"] >= 1.0
+        assert row["torque_noise"] <= found["ceilings"]["torque_noise"] * (1 + 1e-5)
+        assert row["fragile"]["tried"] == 18  # 3 stiffnesses, 3 loads, 2 delays
+
+    html = page.read_text("utf-8")
+    for text in ("kd in the drive", "worst in the box", "Certification", "How far a load moves the link"):
+        assert text in html
+
+    system = load_joint(written)
+    controller = pd["controller"]
+    assert yaml.safe_load(written.read_text("utf-8"))["control"] == controller
+    assert "ki" not in controller
+    assert system.control.controller.kp == pytest.approx(pd["parameters"]["kp"], rel=1e-6)  # seven digits are written
+    worst = [gr.margins(case.system.loop(case.model)) for case in system.cases()]
+    assert max(one.peak_sensitivity for one in worst) <= 2.0 + 1e-5
+    stiff = 1 / min(one.dynamic_stiffness for one in worst)
+    # of the loop's own links, without aliases, which are 3.5e-3 of a peak at most (analysis/link_compliance.py)
+    assert stiff == pytest.approx(pd["worst"], rel=4e-3)
+    assert main(["joint", str(written)]) == 0  # the phase margin, which it misses, is no limit any more
+    assert "phase_margin_deg" not in yaml.safe_load(written.read_text("utf-8"))["limits"]
+
+
+@pytest.mark.slow
+def test_a_person_reads_the_verdict_first(joint: Path, capsys):
+    assert main(["compare", str(joint), "--structures", "pd", "--no-bound"]) == 0
+    told = capsys.readouterr().out
+    found = gr.compare(*[parse_comparison(JOINT, "")[0], ["pd"]], settings=parse_comparison(JOINT, "")[1])
+    (pd,) = found.rows
+    assert f"With PD a load moves the link by up to {1e3 * pd.worst:.3g} mrad/N·m" in " ".join(told.split())
+    assert winner(found) is pd
+    assert "Use PD, in" in told
+    assert f"kp: {pd.parameters['kp']:.7g}" in told
+    assert "Assumed: the encoder's step is 7.67·10⁻⁶ rad" in told  # 2π/2¹³ behind 100:1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("--structures", "pd,spilt"),
+            "--structures: structure 'spilt' must be one of pd, pid, ppi, split; the nearest is split",
+        ),
+        (("--structures", "pd+lead"), "--structures: structure 'pd+lead': 'lead' must be biquad, 2biquads or drive"),
+        (("--noise", "-1"), "--noise: torque noise -1 N·m must be a number > 0"),
+        (("--noise", "loud"), "'loud' must be a number in N·m, without the unit"),
+        (("--objective", "stiffness"), "--objective stiffness: must be dynamic_stiffness, white_load or step_load"),
+        (("--take", "pd"), "--take pd: is for --write, which names the file"),
+        (("--write", "better.yaml", "--take", "pid", "--structures", "pd"), "--take pid: must be one of --structures pd"),
+        (("--write", "better.txt"), "better.txt: --write must end in .yaml"),
+    ],
+)
+def test_calls_that_are_wrong(words: tuple[str, ...], message: str, joint: Path, capsys):
+    assert message in refused(capsys, "compare", joint, *words)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("  sample_rate_hz: 2000\n", "", "control.sample_rate_hz is missing: structures are compared as they run, sampled"),
+        ("link_inertia: 16.0", "link_inertia: .inf", "a comparison needs a link that a load can move"),
+        ("limits:", "compare: {structures: [pd, obsever]}\nlimits:", "compare.structures[1]: structure 'obsever' must be one of"),
+        ("limits:", "compare: {sensors: {torque: 0.1}}\nlimits:", "compare.sensors.torque: unknown key; did you mean torque_noise?"),
+        ("limits:", "compare: {objective: stiffness}\nlimits:", "compare.objective: 'stiffness' must be dynamic_stiffness"),
+        ("limits:", "compare: {objective: low_frequency_compliance}\nlimits:", "compare.below_hz is missing: the highest frequency [Hz]"),
+        ("limits:", "compare: {below_hz: 3}\nlimits:", "compare.below_hz: is for the objective low_frequency_compliance only"),
+    ],
+)
+def test_files_that_do_not_fit(old: str, new: str, message: str, joint: Path, capsys):
+    assert old in JOINT
+    joint.write_text(JOINT.replace(old, new).replace("uncertainty: {link_inertia: [8.0, 24.0], stiffness: 20%}", ""), "utf-8")
+    assert message in refused(capsys, "compare", joint).replace(" is for the objective", ": is for the objective").replace("::", ":")
+
+
+def test_a_robot_is_refused_with_what_takes_it(tmp_path: Path, capsys):
+    path = tmp_path / "robot.yaml"
+    path.write_text(ROBOT, "utf-8")
+    assert "must be a joint.yaml; it describes a whole robot: gainroom robot" in refused(capsys, "compare", path)
+
+
+def test_the_section_is_read(tmp_path: Path):
+    """Steps of encoders become standard deviations, frequencies rad/s, and what the file has is not assumed."""
+    section = """\
+compare:
+  objective: low_frequency_compliance
+  below_hz: 3
+  structures: [pd, {pd: {biquads: 1}}]
+  sensors: {motor_resolution: 1.2e-5, torque_noise: 0.05}
+  drive_path: {delay_ms: 0.2, sample_rate_hz: 10000}
+"""
+    _, settings = parse_comparison(JOINT + section, "joint.yaml")
+    assert settings.objective.name == "low_frequency_compliance"
+    assert settings.objective.below == pytest.approx(2 * math.pi * 3)
+    assert settings.sensor_noise == {"motor": pytest.approx(1.2e-5 / math.sqrt(12)), "torque": 0.05}
+    assert settings.structures == ("pd", {"pd": {"biquads": 1}})
+    assert settings.path == gr.GainPath(2e-4, 1e-4)
+    _, assumed = parse_comparison(JOINT, "joint.yaml")
+    assert assumed.sensor_noise == {"motor": pytest.approx(2 * math.pi / 8192 / 100 / math.sqrt(12))}
+    assert parse_comparison(JOINT.replace("delay_ms: 2.0", "delay_ms: 2.0, encoder_resolution: 1.0e-5"), "")[1].sensor_noise == {}
