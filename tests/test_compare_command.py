@@ -10,6 +10,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.design.comparison.certificate import Certificate
 from gainroom.files.joint_yaml import load_joint, parse_comparison
 from gainroom.report.comparison_text import winner
 
@@ -94,6 +95,16 @@ def test_answer_page_and_joint(joint: Path, tmp_path: Path, capsys):
     assert stiff == pytest.approx(pd["worst"], rel=4e-3)
     assert main(["joint", str(written)]) == 0  # the phase margin, which it misses, is no limit any more
     assert "phase_margin_deg" not in yaml.safe_load(written.read_text("utf-8"))["limits"]
+
+
+@pytest.mark.slow
+def test_the_bound_and_its_certificate(joint: Path, capsys):
+    """It is proved by weights that the JSON has, below what is found, and at least the largest of the corners' that a prototype had."""
+    found = asked(capsys, "compare", joint, "--structures", "pd")
+    certificate = Certificate.from_json(json.dumps(found["bound"]["certificate"]))
+    assert certificate.check() >= found["bound"]["value"] * (1 - 1e-9)
+    assert 0.187e-3 < found["bound"]["value"] < found["rows"][0]["worst"]
+    assert found["bound"]["times_pd"] == pytest.approx(found["rows"][0]["worst"] / found["bound"]["value"])
 
 
 @pytest.mark.slow

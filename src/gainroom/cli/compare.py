@@ -67,7 +67,7 @@ def compare(
         from ..studies.comparison import compare as compared
 
         with progress_bar("compare:") as progress, named(str(file)):
-            found = compared(given, keys, settings=settings, progress=progress)
+            found = compared(given, keys, settings=settings, bound=bound, progress=progress)
         row = None if joint is None else _taken(found, taken)
         call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint": write}
         shown = ComparisonPresentation(found, given, str(file), assumption(given, settings), row, call=call, files=files)

@@ -1,5 +1,6 @@
 """Comparison of structures as sentences and columns, and its presentation."""
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from ..design.comparison.objective import Objective
 from ..errors import listed
 from ..files.compared_joint import control_section, plain
 from ..studies.comparison import SHARE, Comparison, Row
+from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import Column, facts
 from .margin_columns import MARGIN
@@ -253,8 +255,8 @@ def broken_texts(found: Comparison) -> list[str]:
 
 def ceilings_text(found: Comparison, given: System) -> str:
     """What every structure was held to, and where that comes from; `given`: the joint as its file describes it."""
-    asked, ceilings = given.requirements.asked, found.ceilings
-    parts = [f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'limits' if 'peak_sensitivity' in asked else 'usual'})"]
+    ceilings, usual = found.ceilings, Requirements.usual().peak_sensitivity
+    parts = [f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'usual' if ceilings.peak_sensitivity == usual else 'limits'})"]
     half = math.isclose(ceilings.delay_reserve, SHARE * given.delay)
     parts.append(f"delay reserve ≥ {digits(1e3 * ceilings.delay_reserve, 'ms', 3)} ({'half of the delay' if half else 'as asked'})")
     if ceilings.torque_noise is not None:
@@ -350,9 +352,10 @@ def control_lines(system: System) -> list[str]:
 
 
 def unsure(found: Comparison) -> list[str]:
-    """Notes on searches whose two best starts ended apart."""
+    """Notes on searches whose two best starts ended apart, and on a bound that was not found."""
     rows = [f"{name_of(row.structure)} {gap_text(row)}" for row in found.rows if row.gap > UNSURE]
-    return [f"the two best starts of a search ended apart, so a better design may be left: {listed(rows, most=6)}"] if rows else []
+    told = [f"the two best starts of a search ended apart, so a better design may be left: {listed(rows, most=6)}"] if rows else []
+    return told + ([f"no bound: {found.unbounded}"] if found.unbounded else [])
 
 
 def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
@@ -395,7 +398,8 @@ def _fragile_facts(row: Row) -> dict[str, Any]:
 
 def bound_facts(found: Comparison) -> dict[str, Any]:
     """JSON of the bound with its certificate."""
-    return {"value": found.bound, "times_pd": times(found, found.bound or math.nan), "certificate": found.certificate}
+    certificate = None if found.certificate is None else json.loads(found.certificate.to_json())
+    return {"value": found.bound, "times_pd": times(found, found.bound or math.nan), "certificate": certificate}
 
 
 def findings(found: Comparison) -> list[dict[str, Any]]:

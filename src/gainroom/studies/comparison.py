@@ -13,9 +13,12 @@ import numpy as np
 
 from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins
+from ..design.comparison.bound import lower_bound
 from ..design.comparison.catalogue import USUAL, starts_from, structure_of
 from ..design.comparison.ceilings import Ceilings
+from ..design.comparison.certificate import Certificate
 from ..design.comparison.closed_loop import Corners, curves
+from ..design.comparison.exact_joint import ExactJoint
 from ..design.comparison.joint_responses import Joint, quadrature
 from ..design.comparison.objective import Objective
 from ..design.comparison.structure_search import (
@@ -32,6 +35,9 @@ from ..design.comparison.structure_search import (
 from ..design.comparison.structures import Structure
 from ..design.parallel import in_parallel
 from ..errors import GainroomError
+from ..system.assembly import Parts
+from ..system.controller import PD
+from ..system.feedback import feedback_of
 from ..system.gain_path import GainPath
 from ..system.system import System
 from ..system.uncertainty import NOMINAL, Place
@@ -139,16 +145,18 @@ class Comparison:
 
     rows         in the order asked for
     bound        value of the objective that no linear controller on the host at this rate and delay is below; None: not worked out
-    certificate  of the bound
+    certificate  of the bound; None without one
+    unbounded    why no bound was found where one was asked for; "" otherwise
     system       with the box; ceilings and objective that held for every row
     """
 
     rows: tuple[Row, ...]
     bound: float | None
-    certificate: Any
+    certificate: Certificate | None
     system: System
     ceilings: Ceilings
     objective: Objective
+    unbounded: str = ""
 
     def row(self, structure: str) -> Row:
         """Row of one structure. Raises GainroomError where there is none."""
@@ -181,6 +189,7 @@ def compare(
     *,
     settings: ComparisonSettings | None = None,
     nominal: bool = True,
+    bound: bool = True,
     progress: Progress = quiet,
 ) -> Comparison:
     """Structures of a controller of one joint, each tuned under the same ceilings over the joint's box.
@@ -188,6 +197,7 @@ def compare(
     system      of one joint, with a rate; its own gains do not matter
     structures  keys (pd, pid, pd+biquad, split, torque_feedback, …) or mappings such as {"pd": {"biquads": 1}}; None: those of the settings
     settings    None: those of the system's file, else the usual ones
+    bound       True: also what no linear controller comes below, for the objective dynamic_stiffness
     nominal     True: each structure is also tuned at the nominal values alone, to tell how fragile that is
 
     Raises GainroomError for several joints, without a rate, and for structures and sensors that are not known.
@@ -198,15 +208,37 @@ def compare(
     wanted = _wanted(boxes, chosen, structures)
     path = chosen.path or _usual_path(boxes)
     problem = Problem(boxes, _ceilings(boxes, chosen), chosen.objective, path)
-    steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted))
+    bounded = bound and problem.objective == Objective()
+    steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded)
     plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
     steps.tell("pd, whose noise is the ceiling of the torque noise")
     pd = searched(problem, plain, progress=steps.checkpoint)
     if problem.ceilings.torque_noise is None and pd is not None and plain.position in problem.ceilings.sensor_noise:
         problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=_noise(problem, pd)))
     rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], (plain, pd), nominal, steps)
+    found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective)
+    if bounded:
+        steps.tell("what no linear controller can beat")
+        found = _bounded(found, steps)
     steps.tell("")
-    return Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective)
+    return found
+
+
+def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
+    """`found` with the largest of the bounds of the box's corners: one controller for all of them is one for each."""
+    system, ceilings, sensor = found.system, found.ceilings, _position(found.system)
+
+    def joint(place: Place) -> ExactJoint:
+        one = system.at(place)
+        plain = Parts(one.source.linearize(), one.drives, PD(0.0, 0.0), feedback_of("motor", PD), one.control.sample_time)
+        return ExactJoint.of(plain)
+
+    jobs = [lambda checkpoint, place=place: lower_bound(joint(place), ceilings, sensor) for place in corner_places(system)]
+    try:
+        best = max(in_parallel(jobs, steps.checkpoint), key=lambda one: one.value)
+    except GainroomError as error:
+        return replace(found, unbounded=str(error))
+    return replace(found, bound=best.value, certificate=best.certificate)
 
 
 class _Steps:
