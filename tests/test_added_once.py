@@ -535,7 +535,7 @@ def approximately(value: Any) -> Any:
             "control.inertia is missing: the inertia that the disturbance observer assumes [kg·m²], a number >= 0",
         ),
         (KNEE, "type: dob", "type: pd", "control.observer is not a gain of type pd, which has kp, kd"),
-        (KNEE, "type: dob", "type: dop", "'dop' must be pd, pid, ppi, dob or unplanned; did you mean dob?"),
+        (KNEE, "type: dob", "type: dop", "'dop' must be pd, pid, ppi, torque_feedback, dob, lti or unplanned; did you mean dob?"),
         (
             ARM,
             ", observer: 6",

@@ -179,11 +179,9 @@ def stiffness_of(loop: Loop, stable: bool) -> DynamicStiffness:
 
     def response(omega: Floats) -> Complexes:
         s = 1j * omega
-        fed = links.feedback(s, controller, loop.gain)
         if loop.size == 1:
-            motors = links.feedback(s, controller, loop.gain, "motor")[:, 0, 0] if links.parts.feedback.mixed else None
-            return links.of_one(s, fed[:, 0, 0], motors)[:, None]
-        return np.diagonal(links.at(s, fed), axis1=1, axis2=2)
+            return links.closed(s, controller, loop.gain)[:, None]
+        return np.diagonal(links.at(s, links.feedback(s, controller, loop.gain)), axis1=1, axis2=2)
 
     found = peaks(response, grid)
     low = np.abs(response(np.array([grid[0], 0.1 * grid[0]])))

@@ -7,7 +7,8 @@ coordinates ξ of the plant (system/plant.py: q = R ξ, W = R Rᵀ, never invert
     Y = (I + N k⁻¹)⁻¹ (N + E_q),   N = J_m s² + D_m s + E_θ
 
 k = K + B s of the gearboxes, k⁻¹ = 0 of a rigid one; E_θ and E_q are the torques that the loop puts on the motors per position measured at
-motors and at links: gains, delay and current loop, each path of gains by itself. Locked motors (E_θ → ∞) leave Y = k.
+motors and at links: gains, delay and current loop, each path of gains by itself. Locked motors (E_θ → ∞) leave Y = k. Where the loop puts
+E_τ on a motor per torque of its spring, Y = (1 + E_τ + N k⁻¹)⁻¹ (N + E_q).
 
 Sampled loops: E also has the hold of the torque and the difference that velocity is made from, and the load is held over each tick. This is
 the fundamental of the sampled response, without its alias terms: the peaks of 450 random joints at 200 Hz to 2 kHz differ from those of the
@@ -24,7 +25,7 @@ from ..native import _core
 from ..system.assembly import Parts
 from ..system.controller import Controller
 from ..system.drive import Drive
-from ..system.feedback import Side
+from ..system.feedback import Sensor, Side
 from ..system.linear.arrays import Complexes, Floats, diagonals
 from ..system.loop import Loop
 
@@ -90,6 +91,11 @@ class LinkCompliance:
             found |= {powers: sent * one.signal(powers, s, v, step)[:, None] for powers in one.terms()}
         return found
 
+    def measured(self, s: Complexes, controller: Controller, sensor: Sensor, gain: float = 1.0) -> Complexes:
+        """Transfer function (k,) at s (k,) from what `sensor` of a single joint measures to its motor's torque; `gain`: a factor on it."""
+        law = controller.law(sensor, self.parts.feedback, self.parts.sample_time)
+        return gain * law.at(s) * self.delivered(s, self.parts.delays, self.parts.sample_time)[:, 0]
+
     def feedback(self, s: Complexes, controller: Controller, gain: float = 1.0, side: Side | None = None) -> Complexes:
         """Transfer matrix (k, n, n) [N m/rad] at s (k,) from measured position to motor torque; `gain`: a factor on all gains.
 
@@ -115,17 +121,18 @@ class LinkCompliance:
         motor = at * at * plant.motor_inertia + at * plant.motor_viscous
         return motor, np.where(plant.elastic, 1 / spring, 0.0)
 
-    def stiffness(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
+    def stiffness(self, s: Complexes, fed: Complexes, motors: Complexes | None = None, springs: Complexes | float = 0.0) -> Complexes:
         """Stiffness Y (…, k, n) [N m/rad] of joints whose gains do not couple them, at s (k,); `fed` (…, k, n): diagonal of `feedback`.
 
-        motors   E_θ, the part of `fed` by gains that measure the motors, where gains measure both sides
+        motors    E_θ, the part of `fed` by gains that measure the motors, where gains measure more than one quantity
+        springs   E_τ, by gains that measure the torque of the springs
         """
         motor, soft = self._motors(s)
         if self.parts.feedback.link:
             return (motor + fed) / _beside_0(1 + soft * motor)
         if self.parts.feedback.mixed:
             assert motors is not None
-            return (motor + fed) / _beside_0(1 + soft * (motor + motors))
+            return (motor + fed) / _beside_0(1 + springs + soft * (motor + motors))
         return (motor + fed) / _beside_0(1 + soft * (motor + fed))
 
     def passed(self, s: Complexes, fed: Complexes) -> Complexes:
@@ -152,10 +159,20 @@ class LinkCompliance:
         diagonals(loose)[:] += _beside_0(1 + motor * soft) if self.parts.feedback.link else 1.0
         return np.linalg.solve(loose, whole)
 
-    def of_one(self, s: Complexes, fed: Complexes, motors: Complexes | None = None) -> Complexes:
-        """Compliance C (…, k) [rad/(N m)] of a single joint at s (k,), for any number of gains; `fed`, `motors` (…, k) as `stiffness`."""
+    def closed(self, s: Complexes, controller: Controller, gain: float = 1.0) -> Complexes:
+        """Compliance C (k,) [rad/(N m)] of a single joint at s (k,) with all gains of `controller`, each times `gain`."""
+        if not self.parts.feedback.mixed:
+            return self.of_one(s, self.feedback(s, controller, gain)[:, 0, 0])
+        fed = {sensor: self.measured(s, controller, sensor, gain) for sensor in self.parts.feedback.sensors}
+        motors, springs = fed.get("motor", np.zeros(len(s))), fed.get("torque", np.zeros(len(s)))
+        return self.of_one(s, motors + fed.get("link", 0.0), motors, springs)
+
+    def of_one(self, s: Complexes, fed: Complexes, motors: Complexes | None = None, springs: Complexes | None = None) -> Complexes:
+        """Compliance C (…, k) [rad/(N m)] of a single joint at s (k,), for any number of gains; others (…, k) as `stiffness`."""
         plant, root = self.parts.plant, self._hung[0]
-        felt = self.stiffness(s, fed[..., None], None if motors is None else motors[..., None])
+        felt = self.stiffness(
+            s, fed[..., None], None if motors is None else motors[..., None], 0.0 if springs is None else springs[..., None]
+        )
         if plant.compliance is not None or not root.shape[1]:  # links on springs, or locked
             return np.array([self.on(s, one)[:, 0] for one in felt.reshape(-1, len(s), 1)]).reshape(fed.shape)
         load = felt[..., 0] + s * plant.link_viscous[0]

@@ -1,6 +1,7 @@
 """Section `scenario` of joint.yaml: reference, disturbances, and hardware effects beyond the linear model."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -190,6 +191,7 @@ class ScenarioSection(Section):
     feedforward: Annotated[str, Field(min_length=1, max_length=4096)] | None = Field(None, description="a log's target_torque")
     disturbance: DisturbanceSection | None = None
     noise: Annotated[float, number(least=0, most=1)] = 0.0
+    torque_noise: NotNegative = 0.0
     seed: Seed = 0
     friction: FrictionsSection = FrictionsSection()
     gravity: Torque = 0.0
@@ -235,6 +237,7 @@ class ScenarioSection(Section):
                     reference = Step(0.0)
             forward = 0.0 if forward is None else forward
             scenario = Scenario(reference, duration, feedforward=forward, link_torque=torque, noise=self.noise, seed=self.seed)
+            scenario = replace(scenario, torque_noise=self.torque_noise)
             return JointSimulation.of(joint, scenario, self._hardware(), self._described(duration))
 
     def _refuse_late(self, joint: System) -> None:
@@ -284,7 +287,7 @@ UNITS = {
     **dict.fromkeys(("base", "by", "amplitude", "noise", "hanging_at", "motor_resolution", "link_resolution"), "rad"),
     **dict.fromkeys(("first", "last", "frequencies", "stribeck_velocity"), "rad/s"),
     **dict.fromkeys(("first_hz", "last_hz", "frequencies_hz"), "Hz"),
-    **dict.fromkeys(("torque", "gravity", "torque_limit", "coulomb", "static"), "N·m"),
+    **dict.fromkeys(("torque", "gravity", "torque_limit", "torque_noise", "coulomb", "static"), "N·m"),
     **dict.fromkeys(("viscous", "bristle_damping"), "N·m·s/rad"),
     "bristle_stiffness": "N·m/rad",
     "jitter_ms": "ms",

@@ -13,16 +13,29 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
 
 from ..errors import GainroomError, Together, named
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Refusals, made_when_read, partly, refusal, relation
+from ..io.validation import (
+    LARGEST,
+    NotNegative,
+    Positive,
+    PositiveOrInfinite,
+    Refusals,
+    made_when_read,
+    number,
+    partly,
+    refusal,
+    relation,
+)
 from ..io.yaml_text import read_text
 from ..system.actuator_entry import ActuatorEntry
-from ..system.controller import CONTROLLERS, GainKey
+from ..system.controller import CONTROLLERS, DisturbanceObserver, GainKey
 from ..system.elastic_joint import ElasticJoint
-from ..system.feedback import Feedback, feedback_of
+from ..system.feedback import SENSORS, Feedback, feedback_of
 from ..system.gain_bounds import GainBounds
+from ..system.linear.state_space import split_delay
 from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
 from .file_types import parse_as
+from .law_section import LawSection
 from .system_sections import (
     ControlSection,
     GainBoundsSection,
@@ -32,7 +45,7 @@ from .system_sections import (
     SystemFile,
     UncertaintySection,
     control_section,
-    known_gains,
+    rad_per_s,
     refuse_long_delay,
     refuse_two_paths,
 )
@@ -46,6 +59,9 @@ if TYPE_CHECKING:
 
 MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
 """Keys of `joint` for the inertia of its motor."""
+LAW = "lti"
+"""Type of a law in plain numbers."""
+Signed = Annotated[float, number(least=-LARGEST)]
 MOST_DAMPED = 1e4
 """Damping ratio of motor and spring above which the spring has no effect."""
 
@@ -168,13 +184,52 @@ def _one_side_or_more(value: object, handler: ValidatorFunctionWrapHandler) -> A
 class JointControlSection(ControlSection):
     """Section `control` of one joint."""
 
+    ONE_JOINT = True
+
     feedback: Annotated[Literal["motor", "link"], WrapValidator(_one_side_or_more)] = Field(
         description="the side of the gearbox that the encoder is on, motor or link; or a side per gain, such as {kp: link, kd: motor}"
     )
+    motor: LawSection | None = None
+    link: LawSection | None = None
+    torque: LawSection | None = None
+    bandwidth_hz: Positive | None = None
+
+    @classmethod
+    def prepared(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """Data of which a law in plain numbers has no feedback: it names its sensors."""
+        return {"feedback": {}, **data} if data.get("type") == LAW else data
+
+    @relation
+    def _laws_of_the_type(self) -> Refusals:
+        given = [sensor for sensor in SENSORS if self.is_given(sensor)]
+        if self.type != LAW:
+            yield from (refusal(f"is a law in plain numbers, for type {LAW}, not for type {self.type}", key=sensor) for sensor in given)
+            return
+        if not given:
+            yield refusal(
+                "is missing: the law of the motor's position, {zeros, poles, gain} in z; or give link, torque or several", key="motor"
+            )
+        if self.sample_rate_hz is None:
+            yield refusal("is missing: the rate of the law [Hz], which is in z", key="sample_rate_hz")
+        if self.feedback != {}:
+            yield refusal(f"has no meaning for type {LAW}, whose laws name their sensors: motor, link, torque", key="feedback")
+
+    @relation
+    def _sampled_observer(self) -> Refusals:
+        if CONTROLLERS[self.type] is not DisturbanceObserver:
+            if self.is_given("bandwidth_hz"):
+                yield refusal(f"has no meaning for type {self.type}", key="bandwidth_hz")
+            return
+        if self.is_given("bandwidth") == self.is_given("bandwidth_hz"):
+            yield refusal("give either bandwidth [rad/s] of the disturbance observer or bandwidth_hz")
+        if self.sample_rate_hz is None:
+            yield refusal(f"is missing: type {self.type} is a difference equation with whole ticks of delay [Hz]", key="sample_rate_hz")
 
     @relation
     def _sides_of_the_gains(self) -> Refusals:
-        if not isinstance(self.feedback, dict):
+        if self.type == LAW:
+            return
+        if not isinstance(self.feedback, dict) and not CONTROLLERS[self.type].torque_name:
             return
         try:
             both = feedback_of(self.feedback, CONTROLLERS[self.type]).mixed
@@ -184,22 +239,40 @@ class JointControlSection(ControlSection):
                 yield refusal(message, key=place)
             return
         if both and self.kd_path is not None:
-            yield refusal("is not for gains that measure both sides: give feedback: motor or link", key="kd_path")
+            yield refusal("is not for gains that measure both sides, or a torque: give feedback: motor or link", key="kd_path")
 
     @property
     def encoders(self) -> Feedback:
-        """Side that each gain measures. Raises UnjudgedError where the section is wrong."""
+        """What each gain measures. Raises UnjudgedError where the section is wrong."""
         self.require_right()
+        if self.type == LAW:
+            return Feedback.of_law([sensor for sensor in SENSORS if self.is_given(sensor)])
         return feedback_of(self.feedback, CONTROLLERS[self.type])
 
     @property
     def asks(self) -> bool:
         """True if no gain is given, of a type whose gains can all be recommended."""
-        return not any(map(self.is_given, known_gains())) and CONTROLLERS[self.type].can_be_asked_for()
+        return not any(map(self.is_given, self.known_gains())) and CONTROLLERS[self.type].can_be_asked_for()
 
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
+        if any(key.signed for key in keys):
+            return Signed
         return Positive if all(key.positive for key in keys) else NotNegative
+
+    def values(self, delay: float) -> dict[str, Any]:
+        """Values of the type's gains in SI, some of those not given from the drive's `delay` [s]; 1 where gains are asked for."""
+        self.require_right()
+        if self.asks:
+            return dict.fromkeys(self.gain_names, 1.0)
+        found = {name: value for name in self.gain_names if (value := getattr(self, name)) is not None}
+        step = None if self.sample_rate_hz is None else 1 / self.sample_rate_hz
+        if CONTROLLERS[self.type] is DisturbanceObserver and step is not None:
+            found.setdefault("bandwidth", rad_per_s(None, self.bandwidth_hz))
+            found.setdefault("delay_ticks", float(split_delay(delay, step)[0]) + 1)  # and one tick for the hold
+        if self.type == LAW and step is not None:
+            found |= {sensor: section.law(step) for sensor in SENSORS if (section := getattr(self, sensor)) is not None}
+        return found
 
 
 class JointUncertaintySection(UncertaintySection):
@@ -237,13 +310,12 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             for name in ("stiffness", "damping", "link_inertia"):
                 step(lambda name=name: nominal.update({name: getattr(self.joint, name)}))
             uncertainty = step(lambda: self.uncertainty.uncertainty(nominal, tick))
-            gains = {name: 1.0 if self.control.asks else getattr(self.control, name) for name in self.control.gain_names}
-            controller = step(lambda: self.control.controller(gains))
+            controller = step(lambda: self.control.controller(self.control.values(delay())))
             path = step(lambda: self.control.gain_path())
             self.require_right()
             found = System.of_joint(
                 joint=joint(),
-                drive=replace(drive(), resolution=self._resolution),
+                drive=replace(drive(), resolution=self._resolution, torque_noise=self._torque_noise),
                 controller=controller(),
                 feedback=self.control.encoders,
                 sample_time=sample_time(),
@@ -265,6 +337,13 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             return self.drive.encoder_resolution
         steps = {getattr(self.scenario, f"{side}_resolution") for side in self.control.encoders.sides}
         return steps.pop() if len(steps) == 1 else 0.0
+
+    @property
+    def _torque_noise(self) -> float | None:
+        """Standard deviation of the torque sensor's noise [N m]: the drive's, else the scenario's; None: not known."""
+        if self.drive.torque_noise is not None or self.scenario is None:
+            return self.drive.torque_noise
+        return self.scenario.torque_noise or None
 
     def _requirements(self) -> Requirements:
         """Requirements of the file; without limits also on torque noise, where resolution, rate and peak torque are known."""

@@ -29,7 +29,6 @@ from .system_sections import (
     SystemFile,
     UncertaintySection,
     control_section,
-    known_gains,
 )
 
 MOST_NAMES = 50
@@ -193,7 +192,7 @@ class RobotControlSection(ControlSection):
     @relation
     def _of_the_space(self) -> Refusals:
         if self.space == "task":
-            for name in (*known_gains(), "weight"):
+            for name in (*self.known_gains(), "weight"):
                 if self.is_given(name):
                     yield refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
             if not CONTROLLERS[self.type].of_tasks:

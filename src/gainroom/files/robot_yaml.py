@@ -37,7 +37,7 @@ from .file_types import parse_as
 from .joint_references import with_ranges
 from .plausibility import plausible
 from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
-from .system_sections import known_gains, refuse_two_paths
+from .system_sections import refuse_two_paths
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
@@ -310,7 +310,8 @@ def _control(file: RobotFile, body: RigidBody, sample_time: Callable[[], float |
     section = file.control
     with Together() as together:
         step = together.step
-        gains = {name: step(lambda name=name: _per_joint(f"control.{name}", known(getattr(section, name)), body)) for name in known_gains()}
+        names = section.known_gains()
+        gains = {name: step(lambda name=name: _per_joint(f"control.{name}", known(getattr(section, name)), body)) for name in names}
         weight = step(lambda: _per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body))
         path = step(section.gain_path)
         in_joints = section.space == "joint"

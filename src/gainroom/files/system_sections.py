@@ -102,6 +102,7 @@ class DriveSection(Section):
     delay_includes_sampling: bool = Field(False, description="true: the delay contains the loop's hold and velocity difference")
     jitter_ms: Annotated[float, number(least=0, most=1000, unit="ms")] = 0.0
     encoder_resolution: Annotated[float, number(least=0, most=1, unit="rad")] = 0.0
+    torque_noise: NotNegative | None = None
     command_delay_ms: DelayMs = 0.0
     clock: Literal["continuous"] | None = Field(None, description="continuous: the loop has no rate, on purpose")
 
@@ -122,7 +123,7 @@ class DriveSection(Section):
     def drive(self, tick: float | None) -> Drive:
         """Drive in SI; `tick` [s]. Raises GainroomError as `delay`."""
         self.require_right()
-        return Drive(self.bandwidth, self.damping_ratio, self.delay(tick), self.encoder_resolution)
+        return Drive(self.bandwidth, self.damping_ratio, self.delay(tick), self.encoder_resolution, self.torque_noise)
 
     def delay(self, tick: float | None) -> float:
         """Delay [s]; `tick` [s]. Raises GainroomError for a delay in ticks without a tick."""
@@ -241,11 +242,16 @@ def _one_side(value: object) -> object:
 OneSide = Annotated[Literal["motor", "link"], BeforeValidator(_one_side)]
 
 
+Types = dict[str, type[Controller]]
+
+
 class ControlSection(Section):
     """Section `control`: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
     ALLOWED: ClassVar[str] = ""
     """Allowed values of a gain, for messages."""
+    ONE_JOINT: ClassVar[bool] = False
+    """True: of a single joint, which has types of its own."""
 
     type: str = Field(description="the kind of controller")
     feedback: OneSide = Field(description="the side of the gearbox that the encoder is on, motor or link")
@@ -254,6 +260,16 @@ class ControlSection(Section):
     notches: list[NotchSection] = Field([], max_length=20)
     biquads: list[BiquadSection] = Field([], max_length=20)
     kd_path: GainPathSection | None = None
+
+    @classmethod
+    def types(cls) -> "Types":
+        """Controllers by `type`."""
+        return {name: one for name, one in CONTROLLERS.items() if cls.ONE_JOINT or not one.of_one_joint}
+
+    @classmethod
+    def known_gains(cls) -> tuple[str, ...]:
+        """Gains of all types."""
+        return tuple(dict.fromkeys(name for one in cls.types().values() for name in one.gain_names()))
 
     @property
     def gain_names(self) -> tuple[str, ...]:
@@ -270,9 +286,9 @@ class ControlSection(Section):
         if not self.gain_names or self.asks:  # of tasks, or none
             return
         names = ", ".join(self.gain_names)
-        given = [name for name in known_gains() if self.is_given(name)]
-        missing = [name for name in self.gain_names if name not in given]
-        damping, rates = CONTROLLERS[self.type].damping_name, {one.damping_name for one in CONTROLLERS.values()}
+        given = [name for name in self.known_gains() if self.is_given(name)]
+        missing = [key.name for key in CONTROLLERS[self.type].gain_keys() if key.needed and key.name not in given]
+        damping, rates = CONTROLLERS[self.type].damping_name, {one.damping_name for one in self.types().values()}
         meant = set()
         for name in given:
             if name not in self.gain_names:
@@ -330,8 +346,8 @@ class ControlSection(Section):
     @classmethod
     def described(cls, key: GainKey) -> str:
         """Description of a gain that is missing, for messages."""
-        unit = f" [{key.unit}]" if key.unit else ""
-        return f"{key.meaning}{unit}, a number {'> 0' if cls.may_not_be_zero(key) else '>= 0'}{cls.ALLOWED}"
+        unit, above = f" [{key.unit}]" if key.unit else "", "" if key.signed else " > 0" if cls.may_not_be_zero(key) else " >= 0"
+        return f"{key.meaning}{unit}, a number{above}{cls.ALLOWED}"
 
     def controller(self, gains: Mapping[str, Any]) -> Controller:
         """Controller of the type with `gains` and the filters. Raises GainroomError, with keys and values, for what its class refuses."""
@@ -364,14 +380,9 @@ def _placed(problem: str, gains: Mapping[str, Any]) -> str:
     return f"{values}: {problem}" if values else f"control: {problem}"
 
 
-def known_gains() -> tuple[str, ...]:
-    """Gains of all types."""
-    return tuple(dict.fromkeys(name for one in CONTROLLERS.values() for name in one.gain_names()))
-
-
 def control_section(base: type[ControlSection]) -> type[ControlSection]:
-    """Section `base` with the types and the gains of CONTROLLERS as keys."""
-    return _control_section(base, tuple(CONTROLLERS.items()))
+    """Section `base` with its types and their gains as keys."""
+    return _control_section(base, tuple(base.types().items()))
 
 
 @cache
@@ -498,7 +509,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
         """Refusal of `gain_bounds` for a type of controller without kp and kd."""
         names, kind = ("kp", "kd"), self.control.type
         if self.is_given("gain_bounds") and not set(names) <= {*CONTROLLERS[kind].gain_names()}:
-            kinds = [name for name, one in CONTROLLERS.items() if set(names) <= {*one.gain_names()}]
+            kinds = [name for name, one in self.control.types().items() if set(names) <= {*one.gain_names()}]
             yield refusal(
                 f"are of kp [N·m/rad] and kd [N·m·s/rad], which type {kind} has not; {' and '.join(kinds)} have", key="gain_bounds"
             )

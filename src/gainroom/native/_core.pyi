@@ -143,9 +143,11 @@ class Body:
     def coordinates(self) -> int: ...
 
 class Control:
-    """Control law of testbed.hpp; velocity None: made from what `side` measures."""
+    """Control law of testbed.hpp; velocity None: made from what `side` measures; torque (m,): the spring's, in the body's states."""
 
-    def __init__(self, a: Floats, b: Floats, c: Floats, d: Floats, side: int, velocity: int | None = None) -> None: ...
+    def __init__(
+        self, a: Floats, b: Floats, c: Floats, d: Floats, side: int, velocity: int | None = None, torque: Floats | None = None
+    ) -> None: ...
 
 class Hardware:
     """Hardware of testbed.hpp; laws (2, 5), gravity (2,), resolution (2,)."""
@@ -158,11 +160,12 @@ class Testbed:
     """Testbed of one joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
 
     def __init__(self, body: Body, control: Control, hardware: Hardware, state: Floats, longest: int) -> None: ...
-    def advance(self, given: Floats, whole: Integers, fraction: Floats) -> Floats:
+    def advance(self, given: Floats, whole: Integers, fraction: Floats, torque_noise: Floats | None = None) -> Floats:
         """Rows (made, 7) of the next k ticks, fewer if a position is out of bounds.
 
         given             (k, 7) reference, motion, feedforward, torques and noises of motor and link
         whole, fraction   (k,) delays of the commands [ticks]
+        torque_noise      (k,) of the torque's reading [N m]; None: 0
 
         Columns of what comes out: positions and readings of motor and link, target, demand and actual torque.
         """

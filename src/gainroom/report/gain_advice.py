@@ -120,9 +120,10 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
 
 def _joint_gains(study: "JointStudy", call: str) -> ToUse:
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
-    if best is None:
+    present = study.system.control.controller
+    if best is None or (not present.has_plane and study.requirements_met):  # the recommended gains are of a plain PD
         return NOTHING
-    present, lines = study.system.control.controller, _beside(best.controller, study.system.control.controller)
+    lines = _beside(best.controller, present)
     remarks = _over_ranges(best)
     if usual is not None and usual.requirements_met is False:
         again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "control"), lines)
@@ -161,8 +162,9 @@ def other_type(controller: Any, present: Any) -> list[str]:
     """Line of `control` that changes a file's `present` controller to the type of `controller`; [] if both have one type."""
     if type(controller) is type(present):
         return []
-    left_out = [name for name in present.gain_names() if name not in controller.gain_names()]
-    return [f"type: {type_of(controller)}" + (f"  # leave out {listed(left_out)}" if left_out else "")]
+    left_out = [name for name in (*present.gain_names(), *present.laws) if name not in controller.gain_names()]
+    sensors = ["feedback: motor"] if present.torque_name or present.laws else []
+    return [f"type: {type_of(controller)}" + (f"  # leave out {listed(left_out)}" if left_out else ""), *sensors]
 
 
 def _beside(controller: Any, present: Any) -> list[str]:

@@ -44,6 +44,7 @@ class Scenario:
     feedforward         torque added to the target torque [N m]; eq. (4)'s d
     motor_torque, link_torque   external torques on either side of the gearbox, held from tick to tick [N m]
     noise               standard deviation of the measured position [rad], a number or (n,)
+    torque_noise        standard deviation of the measured torque of a spring [N m]
     seed                of the noise
     start               initial state, see Start
     limit               joint position [rad] beyond which the run has diverged and ends
@@ -58,6 +59,7 @@ class Scenario:
     motor_torque: Any = 0.0
     link_torque: Any = 0.0
     noise: Any = 0.0
+    torque_noise: float = 0.0
     seed: int = 0
     start: Start = field(default_factory=Start)
     limit: float = DIVERGED
@@ -68,6 +70,7 @@ class Scenario:
         require_count("scenario", "seed", self.seed, 0)
         if np.any(require_finite("scenario", "noise", self.noise) < 0):
             raise GainroomError(f"scenario: noise {self.noise!r} must be >= 0 rad")
+        require_positive("scenario", "torque_noise", self.torque_noise, "N·m", zero=True)
         for name in ("reference", "feedforward", "motor_torque", "link_torque"):
             value = getattr(self, name)
             if isinstance(value, Trajectory):
@@ -86,6 +89,7 @@ class Inputs:
     motion      compared with the measured position by the controller's differences [rad]
     feedforward, motor_torque, link_torque   [N m]
     noise       (k, n) added to the measured position [rad]; where gains of one joint measure both sides (k, 2), of position and velocity
+    torque_noise    (k,) added to the measured torque of one joint's spring [N m]
     """
 
     reference: Floats
@@ -94,6 +98,7 @@ class Inputs:
     motor_torque: Floats
     link_torque: Floats
     noise: Floats
+    torque_noise: Floats
 
 
 def noise_by_side(noise: Floats, feedback: Feedback) -> dict[Side, Floats]:
@@ -123,6 +128,8 @@ class ScenarioInputs:
         self._random = np.random.default_rng([scenario.seed, 0])
         self._noise = self._per_joint("noise", scenario.noise)
         self._encoders = len(loop.parts.feedback.sides)
+        self._torque_noise = scenario.torque_noise if loop.parts.feedback.torque else 0.0
+        self._torque_random = np.random.default_rng([scenario.seed, 2])
 
     def start(self) -> Floats:
         """Initial coordinates η of the plant, then their rates (plant.mechanism).
@@ -154,7 +161,10 @@ class ScenarioInputs:
             noise = np.tile(self._noise, self._encoders) * self._random.standard_normal(noise.shape)
         # Differences of a constant are zero: taking the past off leaves the velocity, and filters that start empty are at rest.
         motion = reference - self.before if self._follows else np.zeros_like(reference)
-        return Inputs(reference, motion, noise=noise, **torques)
+        torque_noise = np.zeros(count)
+        if self._torque_noise:
+            torque_noise = self._torque_noise * self._torque_random.standard_normal(count)
+        return Inputs(reference, motion, noise=noise, torque_noise=torque_noise, **torques)
 
     def _at(self, signal: Any, name: str, first: int, count: int) -> Floats:
         if isinstance(signal, Step) and not signal.height.any():

@@ -190,7 +190,7 @@ class JointSimulation(SimulationSpec):
         linear = all(isinstance(value, Friction) and value.is_viscous for value in hardware.values())
         there = {
             "friction": not all(friction.is_viscous for friction in frictions),
-            "noise": noise > 0,
+            "noise": noise > 0 or (bool(feedback.torque) and scenario.torque_noise > 0),
             "encoder steps": step > 0,
             TORQUE_LIMIT: "torque_limit" in hardware,
             "gravity": "gravity" in hardware,

@@ -26,6 +26,7 @@ from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.state_space import StateSpace, hold
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
+from ..system.measured_response import spring_signals
 from .tracking import Swing, swing
 
 SETTLE = 8.0  # time constants of the slowest root: what swings 60 times as far as 2 % of its rest has then come to it
@@ -144,12 +145,16 @@ def _responding(loop: Loop, part: LoopPart) -> StateSpace:
     # What velocity is made from: itself in continuous time, in sampled time the position, which the controller differences.
     read, moved = (motors if side == "motor" else links for side in (parts.feedback.position, parts.feedback.velocity))
     own_sides = [part.right @ motors, part.right @ links]
-    signals = np.vstack([read, np.roll(moved, 0 if step is not None else rate, axis=1), *own_sides])
-    body = StateSpace.gain(signals) @ actuated_state(parts.plant, parts.drives, twists=True) @ StateSpace.gain(torques)
+    state = actuated_state(parts.plant, parts.drives, twists=True)
+    body = StateSpace.gain(np.vstack([read, np.roll(moved, 0 if step is not None else rate, axis=1)])) @ state
+    if parts.feedback.torque:
+        body = body.stacked(spring_signals(parts.plant, state, step))
+    body = body.stacked(StateSpace.gain(np.vstack(own_sides)) @ state) @ StateSpace.gain(torques)
     if step is not None:
         body = hold(body, np.append(parts.delays, 0.0), step)
-    by_position = own @ StateSpace.gain(np.array([[1.0], [0.0]]))
-    split = StateSpace.gain(np.vstack([np.eye(2 * size + 2), np.eye(2, 2 * size + 2, 2 * size)]))
+    count = every.d.shape[1]
+    by_position = own @ StateSpace.gain(np.eye(count if size == 1 else 2, 1))
+    split = StateSpace.gain(np.vstack([np.eye(count + 2), np.eye(2, count + 2, count)]))
     control = every.beside(StateSpace.gain(np.zeros((1, 0)))).beside(by_position.repeated(2)).beside(StateSpace.gain(np.eye(2))) @ split
     scale = StateSpace.gain(np.diag([*np.full(size + 3, loop.gain), 1.0, 1.0]))
     return scale @ control @ body
@@ -174,7 +179,8 @@ def _delayed(system: StateSpace, entry: Floats, delays: Floats, step: float, cou
     inputs = len(entry)
     late = np.flatnonzero(delays > 0)
     outputs, at_once = system.c[:inputs], np.flatnonzero(delays == 0)
-    assert not system.d.any(), "torque moves neither position nor velocity at once"
+    assert not system.d[:, :-1].any(), "torque moves neither position nor velocity at once"
+    entry = entry - system.d[:inputs, -1] * entry[-1]  # a load changes the torque of a damped spring at once, and what its gains command
     closed = system.a - system.b[:, at_once] @ outputs[at_once]
     b = np.column_stack([system.b[:, late], system.b[:, at_once] @ entry[at_once]])  # the last input is 1 from the start
     transition, before, after = _held(closed, b, step)

@@ -17,6 +17,7 @@ from ..system.feedback import SIDES, Feedback
 from ..system.linear.arrays import Floats
 from ..system.linear.state_space import StateSpace, hold, split_delay
 from ..system.loop import Loop
+from ..system.measured_response import spring_signals
 from .run_record import OVERFLOWING, Run
 from .scenario import Inputs, ScenarioInputs, noise_by_side
 
@@ -34,7 +35,8 @@ class LinearStepper:
         control = controller_state(parts.controller, size, step)
         control = StateSpace(control.a, control.b, loop.gain * control.c, loop.gain * control.d)
         self._sides = _sides(parts.feedback, size)
-        self._system = _closed(body, control, *self._sides, size)
+        spring = spring_signals(parts.plant, body, step).c if parts.feedback.torque else np.zeros((0, len(body.a)))
+        self._system = _closed(body, control, *self._sides, spring, size)
         self._transition = np.eye(len(self._system.a)) + step * self._system.a
         self._entry = step * self._system.b
         self.ideal = np.array([drive.is_ideal for drive in parts.drives])
@@ -59,6 +61,7 @@ class LinearStepper:
                 inputs.feedforward,
                 inputs.motor_torque,
                 inputs.link_torque,
+                *([-inputs.torque_noise[:, None]] if self.loop.parts.feedback.torque else []),
             ]
         )
         states = np.empty((len(entering) + 1, len(self._state)))
@@ -108,24 +111,26 @@ def _sides(feedback: Feedback, size: int) -> tuple[slice, slice]:
     return slice(first, first + size), slice(second, second + size)
 
 
-def _closed(body: StateSpace, control: StateSpace, position: slice, velocity: slice, size: int) -> StateSpace:
-    """State space of the closed loop, which measures these rows of the body's outputs.
+def _closed(body: StateSpace, control: StateSpace, position: slice, velocity: slice, spring: Floats, size: int) -> StateSpace:
+    """State space of the closed loop, which measures these rows of the body's outputs, and `spring` of its states, the torque of a spring.
 
     Inputs (5n): values that position gains act on and that velocity is made from, both without the measurement; torque added to the target;
-    torques on motors and links. Outputs (6n): those of actuated_state, then the target torque. The body's states come first.
+    torques on motors and links; where a spring's torque is measured, a value like the first two for it. Outputs (6n): those of
+    actuated_state, then the target torque. The body's states come first.
     """
-    measured = np.vstack([body.c[position], body.c[velocity]])
-    nothing = np.zeros((size, size))
+    measured = np.vstack([body.c[position], body.c[velocity], spring])
+    nothing, own = np.zeros((size, size)), 2 * size
     # target = C x_c + D (signals − measured) + feedforward
     target_state = np.hstack([-control.d @ measured, control.c])
-    target_input = np.hstack([control.d, np.eye(size), nothing, nothing])
-    torques = np.zeros((2 * size, 5 * size))
-    torques[:, 3 * size :] = np.eye(2 * size)
+    target_input = np.hstack([control.d[:, :own], np.eye(size), nothing, nothing, control.d[:, own:]])
+    torques = np.zeros((2 * size, 5 * size + len(spring)))
+    torques[:, 3 * size : 5 * size] = np.eye(2 * size)
     to_body_input = np.vstack([target_input, torques])
     body_a = np.hstack([body.a, np.zeros((len(body.a), len(control.a)))]) + body.b[:, :size] @ target_state
     control_a = np.hstack([-control.b @ measured, control.a])
-    signals = np.eye(2 * size, 5 * size)
+    signals = np.zeros((len(measured), 5 * size + len(spring)))
+    signals[:own, :own], signals[own:, 5 * size :] = np.eye(own), np.eye(len(spring))
     # Behind an ideal current loop the actual torque is the demanded one, which the delay makes; it has no row here.
     c = np.vstack([np.hstack([body.c, np.zeros((len(body.c), len(control.a)))]), target_state])
-    d = np.vstack([np.zeros((len(body.c), 5 * size)), target_input])
+    d = np.vstack([np.zeros((len(body.c), target_input.shape[1])), target_input])
     return StateSpace(np.vstack([body_a, control_a]), np.vstack([body.b @ to_body_input, control.b @ signals]), c, d)

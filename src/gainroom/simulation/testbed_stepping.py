@@ -11,6 +11,7 @@ from ..system.feedback import SIDES
 from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
+from ..system.measured_response import spring_signals
 from .run_record import Run
 from .scenario import Inputs, ScenarioInputs, noise_by_side
 from .testbed import Testbed
@@ -35,7 +36,7 @@ class TestbedStepper:
         state[len(state) - len(start) :] = start
         longest = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self.sample_time) + 1
         hardware = _hardware(testbed, signals.scenario.limit)
-        self._bed = _core.Testbed(body, _control(loop), hardware, np.linalg.solve(back, state), longest)
+        self._bed = _core.Testbed(body, _control(loop, back), hardware, np.linalg.solve(back, state), longest)
 
     def advance(self, inputs: Inputs, first: int) -> Run:
         """Run over the next ticks, numbered from `first`; rows after the first out of bounds are left out."""
@@ -45,7 +46,7 @@ class TestbedStepper:
         noises = [known[side][:, 0] if side in known else nothing for side in SIDES]
         columns = (inputs.reference, inputs.motion, inputs.feedforward, inputs.motor_torque, inputs.link_torque)
         given = np.column_stack([*(column[:, 0] for column in columns), *noises])
-        out = self._bed.advance(given, *self._drawn(count))
+        out = self._bed.advance(given, *self._drawn(count), *([inputs.torque_noise] if self.feedback.torque else []))
         made = len(out)
         rows = [out[:, [k]] for k in range(7)]
         return Run(
@@ -100,14 +101,18 @@ def _body(testbed: Testbed) -> tuple[_core.Body, Floats]:
     return _core.Body(system, c[0:2], c[2:4], b[:, 1:3].T, c[4], parts.drives[0].is_ideal, coordinates), back
 
 
-def _control(loop: Loop) -> _core.Control:
-    """Difference equation of the controller, for the core."""
+def _control(loop: Loop, back: Floats) -> _core.Control:
+    """Difference equation of the controller, for the core; `back`: from the body's states to those of actuated_state."""
     assert loop.parts is not None
     assert loop.sample_time is not None
     state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
     transition = np.eye(len(state.a)) + loop.sample_time * state.a
-    side, *apart = (SIDES.index(one) for one in dict.fromkeys((loop.parts.feedback.position, loop.parts.feedback.velocity)))
-    return _core.Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side, *apart)
+    side, velocity = (SIDES.index(one) for one in (loop.parts.feedback.position, loop.parts.feedback.velocity))
+    law = (transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side, velocity)
+    if not loop.parts.feedback.torque:
+        return _core.Control(*law)
+    spring = spring_signals(loop.parts.plant, actuated_state(loop.parts.plant, loop.parts.drives), loop.sample_time)
+    return _core.Control(*law, spring.c[0] @ back)
 
 
 def _hardware(testbed: Testbed, limit: float) -> _core.Hardware:

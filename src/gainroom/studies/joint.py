@@ -262,6 +262,7 @@ class JointStudy(Analysis):
         """Loop and margins of the same controller without "delay", "elasticity", "delay and elasticity" (Jung et al. 2017, Fig. 9)."""
         system = self.system
         elastic = math.isfinite(system.source.stiffness) and math.isfinite(system.source.link_inertia)
+        elastic = elastic and not system.control.feedback.torque  # a rigid gearbox has no spring whose torque is measured
         changes = {"delay": AT_ONCE} if system.delay > 0 else {}
         changes |= {"elasticity": RIGID} if elastic else {}
         changes |= {"delay and elasticity": RIGID | AT_ONCE} if len(changes) == 2 else {}

@@ -4,6 +4,7 @@ Roots, margins and simulation all start from these matrices, so that they descri
 """
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -99,8 +100,11 @@ def controller_state(controller: Controller, size: int, step: float | None) -> S
 
     The first (n) are what position gains act on, the second (n) what velocity is made from: sampled controllers difference positions,
     continuous ones get the velocities themselves. Feeding the negated measurement into both closes the loop; a reference need not
-    enter both (eq. (4) has D act on x_d − x, the P/PI cascade of Fig. 13 only position gains on x_d).
+    enter both (eq. (4) has D act on x_d − x, the P/PI cascade of Fig. 13 only position gains on x_d). Where the controller of one joint
+    measures the spring's torque, that is a third signal, and in continuous time its rate a fourth.
     """
+    if controller.laws and (feedback := Feedback.of_law(controller.laws)).mixed:
+        return _state_of_laws(controller, feedback, step)
     terms = controller.matrices(size)
     nothing = np.zeros((size, size))
     velocity = StateSpace.gain(np.eye(1))
@@ -118,10 +122,42 @@ def controller_state(controller: Controller, size: int, step: float | None) -> S
         start = 0.0 if step is None else step  # backward Euler passes the newest value through
         memory = StateSpace(np.zeros((size, size)), np.eye(size), np.eye(size), start * np.eye(size))
         sum_of_terms = sum_of_terms + memory @ StateSpace.gain(integral)
+    if controller.torque_name:
+        sum_of_terms, signals = (
+            _beside(sum_of_terms, _torque_state(controller, step)),
+            signals.beside(StateSpace.gain(np.eye(1 if step else 2))),
+        )
     shaping = controller.shaping(step)
     if shaping.relative_degree >= 0:
         return realize(shaping).repeated(size) @ sum_of_terms @ signals
     return _improper(shaping, sum_of_terms, size)
+
+
+def _state_of_laws(controller: Controller, feedback: Feedback, step: float | None) -> StateSpace:
+    """D of a law that names several sensors of one joint, sampled: the sum of the transfer functions from each."""
+    signals, found = feedback.seen, []
+    for k, sensor in enumerate(feedback.sensors):
+        if (law := controller.law(sensor, feedback, step)).gain:
+            picked = np.zeros((1, len(signals)))
+            picked[0, int(np.argmax(signals[:, k]))] = 1.0
+            found.append(realize(law) @ StateSpace.gain(picked))
+    return reduce(lambda one, other: one + other, found, StateSpace.gain(np.zeros((1, len(signals)))))
+
+
+def _torque_state(controller: Controller, step: float | None) -> StateSpace:
+    """State space from the spring's torque, in continuous time with its rate as a second signal, to the torque command without its sign."""
+    law = controller.torque_law(step)
+    if step is not None:
+        return realize(law)
+    if law.relative_degree >= 0:
+        return realize(law) @ StateSpace.gain(np.array([[1.0, 0.0]]))
+    return StateSpace.gain(np.array([[-law.gain * law.zeros[0].real, law.gain]]))  # gain (s − zero)
+
+
+def _beside(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Sum of the outputs of two systems with inputs of their own, those of the first first."""
+    both = first.beside(second)
+    return StateSpace.gain(np.hstack([np.eye(len(first.d)), np.eye(len(second.d))])) @ both
 
 
 def _stacked(first: StateSpace, second: StateSpace) -> StateSpace:

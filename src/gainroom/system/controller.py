@@ -25,10 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, one_line, require_finite
+from .disturbance_observer import MOST_TICKS, observed_disturbance
+from .feedback import SENSORS, Feedback, Sensor
 from .filters import FILTERS, Biquad, LowPass, Notch, Ratio, filter_product, filtered_velocity, integrator, value_of
 from .linear.arrays import Complexes, Floats
 from .linear.lti import factored_from
-from .linear.transfer_function import Factored, polynomials_times, ratio
+from .linear.transfer_function import Factored, growth, polynomials_times, ratio
+from .modes import Corners
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""
@@ -45,6 +48,8 @@ class GainKey:
     positive  True: > 0 for a single joint (one of several may have 0); False: >= 0
     of_task   unit for a direction of a task, where tasks have such a controller
     scales    True: the torque grows with it; False: no gain, such as a time constant, which stays where gains are scaled or set to 0
+    signed    True: it may have either sign
+    needed    False: files may leave it out; it then has the default of its class
     """
 
     name: str
@@ -53,6 +58,8 @@ class GainKey:
     positive: bool = False
     of_task: str = ""
     scales: bool = True
+    signed: bool = False
+    needed: bool = True
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,9 @@ class Controller:
     has_plane        True: its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
     damping_name     gain on velocity; held_ratio: ratio of two gains that stays constant in that plane; "": none
     rate_of_error    True: velocity of the error, so that a moving reference counts; False: of the measured position alone
+    torque_name      gain on the torque of a single joint's spring; "": none
+    of_one_joint     True: files of robots may not name it
+    laws             transfer function by sensor, of a law that names its sensors itself; {}: feedback says what gains measure
     """
 
     kind: ClassVar[str] = "controller"
@@ -76,6 +86,9 @@ class Controller:
     damping_name: ClassVar[str] = "kd"
     held_ratio: ClassVar[str] = ""
     rate_of_error: ClassVar[bool] = True
+    torque_name: ClassVar[str] = ""
+    of_one_joint: ClassVar[bool] = False
+    laws: ClassVar[Any] = {}
 
     velocity_filter: LowPass | None = field(default=None, kw_only=True)
     notches: tuple[Notch, ...] = field(default=(), kw_only=True)
@@ -137,9 +150,24 @@ class Controller:
         """Product N of notches and biquads in v."""
         return filter_product((*self.notches, *self.biquads), sample_time)
 
+    def corners(self, sample_time: float | None) -> Corners:
+        """Rough poles and zeros in s of its filters."""
+        shaping = self.shaping(None)
+        return Corners(shaping.poles, shaping.zeros)
+
     def transfer(self, sample_time: float | None) -> Factored:
         """Transfer function D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
         return self.combine(self.terms(), sample_time)
+
+    def law(self, sensor: Sensor, feedback: Feedback, sample_time: float | None) -> Factored:
+        """Transfer function D_i of one joint from what `sensor` measures to the torque command, without its sign; gain 0: none."""
+        if sensor == "torque":
+            return self.shaping(sample_time) * self.torque_law(sample_time)
+        return self.combine(feedback.of_side(sensor, self.terms()), sample_time)
+
+    def torque_law(self, sample_time: float | None) -> Factored:
+        """Transfer function from the spring's torque to the torque command, without its sign, and without N; gain 0 where unused."""
+        return ratio([0.0], [1.0], sample_time)
 
     def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
         """Controller matrix D (k, n, n) of `size` joints at complex s (k,), where v (k,) are the same points in this module's variable."""
@@ -435,28 +463,179 @@ class PPI(Controller):
 
 
 @dataclass(frozen=True)
-class Compensator(Controller):
-    """Scalar LTI system used as controller on every joint; `system` is any LTI that gainroom.loop_from accepts, except a callable."""
+class TorqueFeedback(Controller):
+    """PD controller of one joint with feedback of its spring's torque: u = −(kp + kd V) y − F (ktau + kstau D) τ_J.
 
-    system: Any
-    gain: Any = 1.0
-    GAINS = (GainKey("gain"),)
+    kp [N m/rad], kd [N m s/rad] as PD; ktau [-] and kstau [s] of either sign act on the torque, behind the velocity's filter F, D its
+    difference. After Albu-Schäffer, Ott and Hirzinger 2007, A unified passivity-based control framework for flexible joint robots.
+    """
+
+    kp: Any
+    kd: Any
+    ktau: Any
+    kstau: Any = 0.0
+    kind = "PD with torque feedback"
+    GAINS = (
+        *PD.GAINS,
+        GainKey("ktau", "", "the gain on the spring's torque", signed=True),
+        GainKey("kstau", "s", "the gain on the rate of the spring's torque", signed=True, needed=False),
+    )
     has_plane = False
+    torque_name = "ktau"
+    of_one_joint = True
+
+    def terms(self) -> Terms:
+        return _nonzero({(0, 0): self.kp, (1, 0): self.kd})
+
+    def torque_law(self, sample_time: float | None) -> Factored:
+        num, den = (np.ones(1), np.ones(1)) if self.velocity_filter is None else self.velocity_filter.polynomials(sample_time)
+        if self.kstau == 0:
+            return ratio(self.ktau * num, den, sample_time)
+        # ktau + kstau D with D = s, or v/(1 + T_s v)
+        rate, late = ([self.kstau, self.ktau], [1.0])
+        if sample_time is not None:
+            rate, late = [self.kstau + self.ktau * sample_time, self.ktau], [sample_time, 1.0]
+        return ratio(np.convolve(rate, num), np.convolve(late, den), sample_time)
+
+
+@dataclass(frozen=True)
+class DisturbanceObserver(Controller):
+    """PD controller with a disturbance observer, sampled: u = −(C + Q J D²)/(1 − Q z^−n) y, C = kp + kd D, D = (1 − z⁻¹)/T_s.
+
+    What torque the motor of nominal inertia J [kg m²] would need for the motion y, less the torque sent n = delay_ticks ticks ago, is the
+    disturbance, and sent against it behind the low-pass filter Q of order 2, both poles at `bandwidth` [rad/s]. n counts the whole ticks
+    of the drive's delay, and one for the hold. After Ohnishi, Shibata and Murakami 1996, Motion control for advanced mechatronics.
+    """
+
+    kp: Any
+    kd: Any
+    nominal_inertia: Any
+    bandwidth: Any
+    delay_ticks: Any
+    kind = "PD with disturbance observer"
+    GAINS = (
+        *PD.GAINS,
+        GainKey("nominal_inertia", "kg·m²", "the inertia that the disturbance observer takes the motor to have", positive=True),
+        GainKey("bandwidth", "rad/s", "the bandwidth of the disturbance observer", positive=True, scales=False, needed=False),
+        GainKey("delay_ticks", "ticks", "the delay that the disturbance observer takes torques to have", scales=False, needed=False),
+    )
+    has_plane = False
+    of_one_joint = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "system", factored_from(self.system))
         super().__post_init__()
+        if any(np.size(getattr(self, name)) != 1 for name in self.gain_names()) or min(self.kp, self.bandwidth) <= 0:
+            raise GainroomError("DisturbanceObserver: its values must be single numbers, kp > 0 N·m/rad and bandwidth > 0 rad/s")
+        if self.delay_ticks != round(self.delay_ticks) or not 0 <= self.delay_ticks <= MOST_TICKS:
+            raise GainroomError(f"DisturbanceObserver: delay_ticks {self.delay_ticks:g} must be a whole number from 0 to {MOST_TICKS}")
+
+    def terms(self) -> Terms:
+        """Gain kp; what it multiplies is in `shaping`."""
+        return _nonzero({(0, 0): self.kp})
+
+    def shaping(self, sample_time: float | None) -> Factored:
+        if sample_time is None:
+            raise GainroomError("DisturbanceObserver: needs a sample rate: it is a difference equation with whole ticks of delay")
+        law = observed_disturbance(self.kp, self.kd, self.nominal_inertia, self.bandwidth, int(self.delay_ticks), sample_time)
+        return law.scaled(1 / self.kp) * super().shaping(sample_time)
+
+    def corners(self, sample_time: float | None) -> Corners:
+        return _corners_in_s(self.shaping(sample_time))
+
+
+@dataclass(frozen=True)
+class Compensator(Controller):
+    """Scalar LTI system used as controller on every joint; `system` is any LTI that gainroom.loop_from accepts, except a callable.
+
+    motor, link, torque   in place of `system`: sampled LTI systems of one joint by what they measure, the motor's or the link's position
+                          or the torque of the spring, whose outputs are added
+    """
+
+    system: Any = None
+    gain: Any = 1.0
+    motor: Any = field(default=None, kw_only=True)
+    link: Any = field(default=None, kw_only=True)
+    torque: Any = field(default=None, kw_only=True)
+    kind = "LTI"
+    GAINS = (GainKey("gain", meaning="the factor on all of it", needed=False),)
+    has_plane = False
+    of_one_joint = True
+
+    def __post_init__(self) -> None:
+        for name in ("system", *SENSORS):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, factored_from(getattr(self, name)))
+        if (self.system is None) != bool(self.laws):
+            raise GainroomError("Compensator: needs either system, or motor, link and torque, one or more of them")
+        if len({one.sample_time for one in self.laws.values()}) > 1:
+            raise GainroomError("Compensator: motor, link and torque must have the same sample time")
+        if self._is_apart:
+            self._require_together()
+        super().__post_init__()
+
+    @property
+    def laws(self) -> dict[Sensor, Factored]:  # type: ignore[override] - of the instance
+        """Transfer function by sensor, where they were given so."""
+        return {sensor: getattr(self, sensor) for sensor in SENSORS if getattr(self, sensor) is not None}
+
+    @property
+    def _is_apart(self) -> bool:
+        """True if it has more than the law of one position."""
+        return bool(self.laws) and Feedback.of_law(self.laws).mixed
+
+    def _require_together(self) -> None:
+        """Raise GainroomError for what several laws cannot be together."""
+        for sensor, law in self.laws.items():
+            if law.sample_time is None or law.delay or law.relative_degree < 0:
+                raise GainroomError(f"Compensator: {sensor} must be sampled and have no more zeros than poles, and no delay but poles at 0")
+        lasting = [pole for law in self.laws.values() for pole in law.poles[growth(law.poles, law.sample_time) >= 0].tolist()]
+        own = [set(law.poles.tolist()) for law in self.laws.values()]
+        for pole in set(lasting):
+            if sum(pole in poles for poles in own) > 1:
+                step = next(iter(self.laws.values())).sample_time
+                at = 1 + pole * (step or 0.0)
+                shown = f"{at.real:g}" if not at.imag else f"{at:g}"
+                raise GainroomError(
+                    f"Compensator: {' and '.join(self.laws)} share the pole {shown}, which does not decay: two memories that sum up the "
+                    "same torque drift apart unseen; leave it to one of them"
+                )
 
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.gain})
 
+    def law(self, sensor: Sensor, feedback: Feedback, sample_time: float | None) -> Factored:
+        if not self._is_apart:
+            return super().law(sensor, feedback, sample_time)
+        if sensor not in self.laws:
+            return ratio([0.0], [1.0], sample_time)
+        return self._at_rate(self.laws[sensor], sample_time).scaled(self.gain) * super().shaping(sample_time)
+
     def shaping(self, sample_time: float | None) -> Factored:
-        if self.system.sample_time != sample_time:
-            raise GainroomError(f"controller: sample time {self.system.sample_time} must equal the loop's sample_time {sample_time}")
-        return self.system * super().shaping(sample_time)
+        if self._is_apart:
+            return super().shaping(sample_time)
+        own = self.system or next(iter(self.laws.values()))
+        return self._at_rate(own, sample_time) * super().shaping(sample_time)
+
+    def corners(self, sample_time: float | None) -> Corners:
+        laws = self.laws.values() if self._is_apart else [self.shaping(sample_time)]
+        each = [_corners_in_s(law) for law in laws]
+        return Corners(*(np.concatenate([getattr(one, name) for one in each]) for name in ("poles", "zeros")))
+
+    @staticmethod
+    def _at_rate(system: Factored, sample_time: float | None) -> Factored:
+        if system.sample_time != sample_time:
+            raise GainroomError(f"controller: sample time {system.sample_time} must equal the loop's sample_time {sample_time}")
+        return system
 
 
-CONTROLLERS: dict[str, type[Controller]] = {"pd": PD, "pid": PID, "ppi": PPI}
+CONTROLLERS: dict[str, type[Controller]] = {
+    "pd": PD,
+    "pid": PID,
+    "ppi": PPI,
+    "torque_feedback": TorqueFeedback,
+    "dob": DisturbanceObserver,
+    "lti": Compensator,
+}
 """Controllers that files may name, by `control.type`."""
 
 
@@ -464,6 +643,15 @@ def type_of(controller: Controller) -> str:
     """`control.type` of a controller in files; its class name where files have no such type."""
     known = (name for name, one in CONTROLLERS.items() if type(controller) is one)
     return next(known, type(controller).__name__.lower())
+
+
+def _corners_in_s(law: Factored) -> Corners:
+    """Poles and zeros in s of a law; of a sampled one without those at z = 0, which are delays."""
+    time = law.sample_time
+    if time is None:
+        return Corners(law.poles, law.zeros)
+    poles, zeros = (np.log([z for z in 1 + time * roots if abs(z) > 1e-6]) / time for roots in (law.poles, law.zeros))
+    return Corners(poles.astype(complex), zeros.astype(complex))
 
 
 def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:

@@ -17,18 +17,22 @@ class Drive:
     damping_ratio   ζ of the current loop
     delay           T, from target torque to demand torque [s]
     resolution      step of the encoder that the loop is closed with, on the joint side [rad]; 0: not known. No margin depends on it
+    torque_noise    standard deviation of the noise of the sensor of the spring's torque [N m]; None: not known
     """
 
     bandwidth: float = math.inf
     damping_ratio: float = 0.9
     delay: float = 0.0
     resolution: float = 0.0
+    torque_noise: float | None = None
 
     def __post_init__(self) -> None:
         require_positive("drive", "bandwidth", self.bandwidth, "rad/s", infinite=True)
         require_positive("drive", "damping_ratio", self.damping_ratio)
         require_positive("drive", "delay", self.delay, "s", zero=True)
         require_positive("drive", "resolution", self.resolution, "rad", zero=True)
+        if self.torque_noise is not None:
+            require_positive("drive", "torque_noise", self.torque_noise, "N·m", zero=True)
 
     @property
     def is_ideal(self) -> bool:

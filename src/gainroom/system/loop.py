@@ -53,7 +53,7 @@ class Loop:
     parts         components that build_loop joined; None for other loops
     gain          common factor on all controller gains
     unsampled     `actuated` in continuous time, for one joint built from parts
-    sensed        of one joint whose gains measure both sides, in place of `actuated`, `control` and `unsampled`
+    sensed        of one joint whose gains measure several quantities, in place of `actuated`, `control` and `unsampled`
     resolution    (n,) steps of the encoders [rad]; None where one is not known
     """
 
@@ -92,8 +92,7 @@ class Loop:
         """Return ratio L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
         if self.sensed is not None:
             assert self.parts is not None
-            controller = self.parts.controller
-            return self.sensed.under(controller, controller.terms()).scaled(self.gain)
+            return self.sensed.closed_by(self.parts.controller).scaled(self.gain)
         if self.actuated is None or self.control is None:
             return None
         return (self.actuated * self.control).scaled(self.gain)
@@ -104,7 +103,7 @@ class Loop:
         return None if self.parts is None else self.parts.kd_path
 
     def require_one_side(self, what: str) -> None:
-        """Raise GainroomError if the gains measure both sides, for which `what` is not known."""
+        """Raise GainroomError if the gains measure more than one quantity, for which `what` is not known."""
         if self.parts is not None:
             self.parts.feedback.require_one(what)
 
@@ -140,9 +139,9 @@ class Loop:
             if (time := self.sample_time) is not None:
                 poles = np.log([z for z in 1 + time * poles if abs(z) > 1e-6]) / time
             return Corners(poles, np.zeros(0, dtype=complex))
-        plant, shaping = self.parts.plant.corners(), self.parts.controller.shaping(None)
+        plant, own = self.parts.plant.corners(), self.parts.controller.corners(self.sample_time)
         currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
-        return Corners(np.concatenate([plant.poles, currents, shaping.poles]), np.concatenate([plant.zeros, shaping.zeros]))
+        return Corners(np.concatenate([plant.poles, currents, own.poles]), np.concatenate([plant.zeros, own.zeros]))
 
     def at(self, s: ArrayLike) -> Complexes:
         """Return ratio L at complex s [1/s] (k,), in sampled time at z = e^{s T_s}: shape (k,) for n = 1, else (k, n, n)."""
@@ -361,8 +360,8 @@ def build_loop(
     joint        ElasticJoint, or a Plant of n joints
     drive        one for all joints, or one per joint
     controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
-    feedback     "motor" or "link": the side of the gearbox the encoder is on; of one joint also a side per gain, as
-                 {"kp": "link", "kd": "motor"}
+    feedback     "motor" or "link": the side of the gearbox the encoder is on; of one joint also what each gain measures, as
+                 {"kp": "link", "kd": "motor"} or {"kp": "motor", "kd": "motor", "ktau": "torque"}
     sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
     kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins are
                  those of the loop lifted over a common period (multirate.py); it has no frequency response
@@ -396,6 +395,10 @@ def build_loop(
     if sides.mixed:
         loop = Loop(1, sample_time, delays=delays, parts=parts, sensed=Sensed.of(parts), resolution=resolution)
         assert loop.scalar is not None
+        if sample_time is None and loop.scalar.relative_degree <= 0:
+            raise GainroomError(
+                "controller: the rate of the torque would act on itself at once: give velocity_filter, or the drive's bandwidth"
+            )
         return replace(loop, unstable_poles=loop.scalar.unstable_poles)
     unsampled, control = unsampled_scalar(parts), controller.transfer(sample_time)
     actuated = sampled_scalar(unsampled, sample_time)
@@ -404,10 +407,18 @@ def build_loop(
 
 
 def _sides(given: GivenFeedback, controller: Controller, plant: Plant, kd_path: GainPath | None) -> Feedback:
-    """Encoders of the gains. Raises GainroomError for a side per gain of several joints, and with kd on a path of its own."""
+    """Sensors of the gains. Raises GainroomError for one per gain of several joints, with kd on a path of its own, and without a spring."""
     found = feedback_of(given, controller)
-    if found.mixed and plant.size > 1:
+    if found.torque and plant.size > 1:
+        raise GainroomError(
+            f"feedback: the torque of a spring is for single joints, not for {plant.size}: {type(controller).__name__} must be of one"
+        )
+    if found.both and plant.size > 1:
         raise GainroomError(f"feedback: {found}: must be motor or link: {MISFIT}, not for {plant.size}")
+    if found.torque and not np.isfinite(plant.stiffness[0]):
+        raise GainroomError("feedback: torque: a rigid gearbox has no spring whose torque could be measured: give its stiffness")
+    if found.torque and plant.compliance is not None:
+        raise GainroomError("feedback: torque: is not known of a joint whose links rest on springs")
     if kd_path is not None:
         found.require_one("kd_path, kd at a rate of its own,")
     return found

@@ -1,4 +1,4 @@
-"""Response from torque command to measured position: polynomials of one joint, eq. (2), and the state space of n joints."""
+"""Response from torque command to measured position or torque: polynomials of one joint, eq. (2), and the state space of n joints."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,8 @@ from ..errors import GainroomError
 from .assembly import Parts, actuated_state, current_loop
 from .controller import Controller, Terms
 from .drive import Drive
-from .feedback import SIDES, Feedback, Side
+from .feedback import Feedback, Sensor, Side
+from .linear.arrays import Floats
 from .linear.state_space import StateSpace, factored, hold, split_delay
 from .linear.transfer_function import Factored, ratio, sample, total
 from .plant import Plant
@@ -19,15 +20,27 @@ Quantity = Literal["position", "velocity"]
 
 
 def measured_signals(parts: Parts) -> StateSpace:
-    """State space from torque command (n) to measured positions and the signal that velocity is made from (2n), delays included.
+    """State space from torque command (n) to the signals of `controller_state`, delays included.
 
-    The second signal is velocity in continuous time; in sampled time, exactly sampled, it is position again, which the controller
-    differences. Each is of the side that its gains measure.
+    The first (n) are measured positions, the second (n) what velocity is made from: velocity in continuous time; in sampled time, exactly
+    sampled, position again, which the controller differences. Each is of the side that its gains measure. The spring's torque follows
+    where gains of one joint measure it, and in continuous time its rate.
     """
-    first, second = parts.feedback.position, parts.feedback.velocity
-    if parts.sample_time is None:
-        return _seen(parts, (first, "position"), (second, "velocity"))
-    return hold(_seen(parts, (first, "position"), (second, "position")), parts.delays, parts.sample_time)
+    first, second, step = parts.feedback.position, parts.feedback.velocity, parts.sample_time
+    seen = _seen(parts, (first, "position"), (second, "velocity" if step is None else "position"))
+    if parts.feedback.torque:
+        spring = spring_signals(parts.plant, actuated_state(parts.plant, parts.drives, twists=True), step)
+        seen = seen.stacked(spring.between(np.arange(1), np.arange(len(spring.c))))
+    return seen if step is None else hold(seen, parts.delays, step)
+
+
+def spring_signals(plant: Plant, state: StateSpace, step: float | None) -> StateSpace:
+    """Torque K (θ − q) + B (θ̇ − q̇) of one joint's spring, and in continuous time its rate, as outputs of `state`, its actuated_state."""
+    motor, link, motor_rate, link_rate = (state.c[k : k + 1] for k in range(4))
+    row = plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate)
+    torque = StateSpace(state.a, state.b, row, np.zeros((1, state.b.shape[1])))
+    # behind an ideal current loop the spring's damping lets a torque act on the rate at once
+    return torque if step is not None else torque.stacked(StateSpace(state.a, state.b, row @ state.a, row @ state.b))
 
 
 def measured_state(parts: Parts, twists: bool = True) -> StateSpace:
@@ -45,45 +58,55 @@ def _seen(parts: Parts, *signals: tuple[Side, Quantity], twists: bool = True) ->
 
 @dataclass(frozen=True)
 class Sensed:
-    """What the encoders of one joint see of a torque command, where gains measure both: responses over the same poles.
+    """What the sensors of one joint see of a torque command, where gains measure several: responses over the same poles.
 
-    sides      P C e^{−sT} of each side, behind a hold where it is sampled
-    feedback   the side of each gain
+    responses   P C e^{−sT} of each quantity, behind a hold where it is sampled
+    feedback    the quantity that each gain measures
     """
 
-    sides: Mapping[Side, Factored]
+    responses: Mapping[Sensor, Factored]
     feedback: Feedback
 
     @classmethod
     def of(cls, parts: Parts) -> "Sensed":
         """Responses of the joint of `parts`."""
-        every: dict[Side, Factored] = {side: sampled_scalar(unsampled_scalar(parts, side), parts.sample_time) for side in SIDES}
-        return cls(every, parts.feedback)
+        step = parts.sample_time
+        return cls({one: sampled_scalar(unsampled_scalar(parts, one), step) for one in parts.feedback.sensors}, parts.feedback)
 
     @property
     def sample_time(self) -> float | None:
         """Sample time [s]; None: continuous."""
-        return self.sides["motor"].sample_time
+        return self._any.sample_time
 
     @property
     def delay(self) -> float:
-        """Delay [s] that both have."""
-        return self.sides["motor"].delay
+        """Delay [s] that all have."""
+        return self._any.delay
+
+    @property
+    def _any(self) -> Factored:
+        return next(iter(self.responses.values()))
+
+    def closed_by(self, controller: Controller) -> Factored:
+        """The one return ratio of `controller`: Σ P_i D_i over the quantities i."""
+        laws: dict[Sensor, Factored] = {one: controller.law(one, self.feedback, self.sample_time) for one in self.responses}
+        found = [self.responses[one] * law for one, law in laws.items() if law.gain]
+        return total(found) if found else self._any * controller.combine({}, self.sample_time)
 
     def under(self, controller: Controller, terms: Terms) -> Factored:
-        """The one return ratio of `terms` of gains with the filters of `controller`: Σ P_i D_i over the sides i."""
+        """The one return ratio of `terms` of gains on positions with the filters of `controller`: Σ P_i D_i over the sides i."""
         found = []
-        for side in SIDES:
-            own = {powers: gain if self.feedback.side_of(powers) == side else np.zeros(()) for powers, gain in terms.items()}
+        for side in self.feedback.sides:
+            own = self.feedback.of_side(side, terms)
             if any(np.any(gain) for gain in own.values()):
-                found.append(self.sides[side] * controller.combine(own, self.sample_time))
-        return total(found) if found else self.sides["motor"] * controller.combine({}, self.sample_time)
+                found.append(self.responses[side] * controller.combine(own, self.sample_time))
+        return total(found) if found else self._any * controller.combine({}, self.sample_time)
 
 
-def unsampled_scalar(parts: Parts, side: Side | None = None) -> Factored:
-    """Response P C e^{−sT} of one joint in continuous time, from the exact polynomials of eq. (2); `side` None: of all gains."""
+def unsampled_scalar(parts: Parts, sensor: Sensor | None = None) -> Factored:
+    """Response P C e^{−sT} of one joint in continuous time, from the exact polynomials of eq. (2); `sensor` None: of all gains."""
     drive = parts.drives[0]
-    return replace(_joint_transfer(parts.plant, side or parts.feedback.position) * current_loop(drive), delay=drive.delay)
+    return replace(_joint_transfer(parts.plant, sensor or parts.feedback.position) * current_loop(drive), delay=drive.delay)
 
 
 def sampled_scalar(continuous: Factored, sample_time: float | None) -> Factored:
@@ -91,11 +114,14 @@ def sampled_scalar(continuous: Factored, sample_time: float | None) -> Factored:
     if sample_time is None:
         return continuous
     ticks, fraction = split_delay(continuous.delay, sample_time)
-    return replace(sample(continuous, sample_time, float(fraction)), delay=float(ticks) * sample_time)  # whole ticks stay exact
+    found = sample(continuous.reduced, sample_time, float(fraction))
+    at_rest = np.zeros(len(continuous.poles) - len(continuous.reduced.poles), dtype=complex)
+    zeros, poles = (np.append(at_rest, roots) if len(at_rest) else roots for roots in (found.zeros, found.poles))
+    return replace(found, zeros=zeros, poles=poles, delay=float(ticks) * sample_time)  # whole ticks stay exact
 
 
-def _joint_transfer(plant: Plant, side: Side) -> Factored:
-    """Plant P_M or P_L of one joint by eq. (2) with w = W, a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+def _joint_transfer(plant: Plant, side: Sensor) -> Factored:
+    """Plant P_M, P_L or P_τ of one joint by eq. (2) with w = W, a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
     if plant.compliance is not None:
         return _resting_transfer(plant, side)
     w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
@@ -108,14 +134,19 @@ def _joint_transfer(plant: Plant, side: Side) -> Factored:
     if w == 0:  # output locked
         if side == "link":
             raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
-        return ratio([1.0], [motor, motor_viscous + damping, stiffness])
+        return ratio([1.0] if side == "motor" else [damping, stiffness], [motor, motor_viscous + damping, stiffness])
     gearbox, moved = [damping, stiffness], [1.0, link[1] + w * damping, link[2] + w * stiffness]
     denominator = np.convolve([motor, motor_viscous, 0.0], moved)
     denominator[1:] += np.convolve(gearbox, link)
-    return ratio(moved if side == "motor" else [w * damping, w * stiffness], denominator)
+    numerators: dict[Sensor, Floats] = {
+        "motor": np.array(moved),
+        "link": np.array([w * damping, w * stiffness]),
+        "torque": np.convolve(gearbox, link),
+    }
+    return ratio(numerators[side], denominator)
 
 
-def _resting_transfer(plant: Plant, side: Side) -> Factored:
+def _resting_transfer(plant: Plant, side: Sensor) -> Factored:
     """Plant P_M or P_L of one joint whose links rest on springs, from its state space."""
     system = actuated_state(plant, (Drive(),)).between(np.arange(1), np.array([0 if side == "motor" else 1]))
     poles = np.linalg.eigvals(system.a)

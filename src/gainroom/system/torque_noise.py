@@ -27,13 +27,13 @@ MOST_DOUBLINGS, NOTHING = 60, 1e-14
 
 
 def torque_noise(loop: Loop) -> Floats:
-    """Standard deviation (n,) of each joint's torque command [N m] from white noise of its encoder, in a stable sampled loop.
+    """Standard deviation (n,) of each joint's torque command [N m] from white noise of its sensors, in a stable sampled loop.
 
-    Raises GainroomError without a sample time, where the resolution is not known, and where kd closes on a path of its own.
+    Raises GainroomError without a sample time, where the resolution of an encoder or the noise of a torque sensor that gains measure is
+    not known, and where kd closes on a path of its own.
     """
-    step = _resolution(loop)
+    noise = _noise(loop)
     a, b, c, d = _closed(loop)
-    noise = step / math.sqrt(12)
     b, d = b * noise, d * noise
     state = _sum_of_powers(a, b @ b.T)
     if not np.isfinite(state).all():
@@ -47,7 +47,23 @@ def torque_per_count(loop: Loop) -> Floats:
     Where gains measure both sides of a joint: of the encoder whose count commands more. Raises GainroomError as `torque_noise`.
     """
     step, sent = _resolution(loop), _closed(loop)[3]
+    if loop.sensed is not None and loop.sensed.feedback.torque:
+        sent = sent[:, :-1]  # the last is the torque sensor
     return (np.abs(np.diagonal(sent)) if len(sent) == sent.shape[1] else np.abs(sent).max(axis=1)) * step
+
+
+def _noise(loop: Loop) -> Floats:
+    """Standard deviation of each sensor's noise, in the order of the inputs of `_closed`: encoders [rad], then the torque sensor [N m]."""
+    found = _resolution(loop) / math.sqrt(12)
+    if loop.sensed is None:
+        return found
+    assert loop.parts is not None
+    found = np.tile(found, len(loop.sensed.feedback.sides))
+    if not loop.sensed.feedback.torque:
+        return found
+    if (torque := loop.parts.drives[0].torque_noise) is None:
+        raise GainroomError("torque noise: needs the noise of the torque sensor (drive.torque_noise)")
+    return np.append(found, torque)
 
 
 def _resolution(loop: Loop) -> Floats:
@@ -63,14 +79,14 @@ def _resolution(loop: Loop) -> Floats:
 def _closed(loop: Loop) -> tuple[Floats, Floats, Floats, Floats]:
     """State space in z from noise (n) on the measured positions to torque commands (n), all loops closed.
 
-    Where gains measure both sides of one joint, from the noise of two encoders (2): of the position and of what velocity is made from.
+    Where gains of one joint measure several quantities, from the noise of each of its sensors: motor, link, spring torque.
     """
     time = loop.sample_time
     assert time is not None
     if loop.parts is not None:
         plant, size = measured_signals(loop.parts), loop.size
         controller = controller_state(loop.parts.controller, size, time)
-        seen = np.eye(2) if loop.sensed is not None else np.vstack([np.eye(size), np.eye(size)])
+        seen = np.vstack([np.eye(size), np.eye(size)]) if loop.sensed is None else loop.sensed.feedback.seen
     else:
         assert loop.actuated is not None
         assert loop.control is not None

@@ -58,12 +58,14 @@ static Body body(const Matrix& system, const Matrix& positions, const Matrix& ra
             coordinates};
 }
 
-static Control control(const Matrix& a, const Matrix& b, const Vector& c, const Vector& d, int side, std::optional<int> velocity) {
-    const std::size_t size = c.shape(0);
-    require(has_shape(a, size, size) && has_shape(b, size, 2), "a, b, c have the shapes (r, r), (r, 2), (r,)");
+static Control control(const Matrix& a, const Matrix& b, const Vector& c, const Vector& d, int side, std::optional<int> velocity,
+                       std::optional<Vector> torque) {
+    const std::size_t size = c.shape(0), signals = torque ? 3 : 2;
+    require(has_shape(a, size, size) && has_shape(b, size, signals) && d.shape(0) == signals,
+            "a, b, c, d have the shapes (r, r), (r, e), (r,), (e,) with e = 2, or 3 with a torque");
     for (const int each : {side, velocity.value_or(side)})
         require(each == gainroom::kMotor || each == gainroom::kLink, "side is 0, the motor, or 1, the link");
-    return {copied(a), copied(b), copied(c), pair(d, "d has the shape (2,)"), side, velocity.value_or(side)};
+    return {copied(a), copied(b), copied(c), copied(d), side, velocity.value_or(side), torque ? copied(*torque) : std::vector<double>()};
 }
 
 static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction, const Vector& weight, double torque_limit,
@@ -75,22 +77,26 @@ static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction
 static gainroom::Testbed testbed(const Body& body, const Control& control, const Hardware& hardware, const Vector& state,
                                  std::int64_t longest) {
     require(state.shape(0) == body.states(), "state has the shape (m,)");
+    require(control.torque.empty() || control.torque.size() == body.states(), "torque has the shape (m,)");
     require(longest >= 0 && longest <= 1 << 24, "longest is from 0 to 2^24 ticks");
     return {body, control, hardware, copied(state), longest};
 }
 
-static nb::object advance(gainroom::Testbed& bed, const Matrix& given, const Integers& whole, const Vector& fraction) {
+static nb::object advance(gainroom::Testbed& bed, const Matrix& given, const Integers& whole, const Vector& fraction,
+                          std::optional<Vector> torque_noise) {
     const std::size_t count = given.shape(0);
     static_assert(sizeof(gainroom::TickInputs) == 7 * sizeof(double) && sizeof(gainroom::TickRow) == 7 * sizeof(double));
     require(given.shape(1) == 7, "given has the shape (k, 7)");
     require(whole.shape(0) == count && fraction.shape(0) == count, "whole and fraction have the shape (k,)");
+    require(!torque_noise || torque_noise->shape(0) == count, "torque_noise has the shape (k,)");
     for (std::size_t k = 0; k < count; k++) require(whole(k) >= 0 && whole(k) <= bed.longest(), "whole is from 0 to longest");
     std::vector<gainroom::TickRow> rows(count);
     std::size_t made = 0;
     {
         nb::gil_scoped_release release;
         const auto* inputs = reinterpret_cast<const gainroom::TickInputs*>(given.data());
-        while (made < count && bed.step(inputs[made], {whole(made), fraction(made)}, rows[made])) made++;
+        const double* noise = torque_noise ? torque_noise->data() : nullptr;
+        while (made < count && bed.step(inputs[made], noise ? noise[made] : 0.0, {whole(made), fraction(made)}, rows[made])) made++;
     }
     return owned(reinterpret_cast<const double*>(rows.data()), made, 7);
 }
@@ -147,13 +153,13 @@ void bind_simulation(nb::module_& m) {
         .def_ro("coordinates", &Body::coordinates);
     nb::class_<Control>(m, "Control")
         .def(nb::new_(&control), nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("d"), nb::arg("side"),
-             nb::arg("velocity") = nb::none());
+             nb::arg("velocity") = nb::none(), nb::arg("torque") = nb::none());
     nb::class_<Hardware>(m, "Hardware")
         .def(nb::new_(&hardware), nb::arg("tick"), nb::arg("cells"), nb::arg("laws"), nb::arg("gravity"), nb::arg("torque_limit"),
              nb::arg("resolution"), nb::arg("position_limit"));
     nb::class_<gainroom::Testbed>(m, "Testbed")
         .def(nb::new_(&testbed), nb::arg("body"), nb::arg("control"), nb::arg("hardware"), nb::arg("state"), nb::arg("longest"))
-        .def("advance", &advance, nb::arg("given"), nb::arg("whole"), nb::arg("fraction"));
+        .def("advance", &advance, nb::arg("given"), nb::arg("whole"), nb::arg("fraction"), nb::arg("torque_noise") = nb::none());
     m.def("substep", &substep, nb::arg("body"), nb::arg("hardware"), nb::arg("state").noconvert(), nb::arg("bent").noconvert(),
           nb::arg("width"), nb::arg("torques"));
     m.def("exponential", &exponential, nb::arg("matrix"));

@@ -52,7 +52,7 @@ def _read(system: Any) -> Factored:
         if not np.any(num):
             return Factored(np.zeros(0, complex), np.zeros(0, complex), 0.0, 0.0, step)
         leading = np.trim_zeros(num, "f")[0] / np.trim_zeros(den, "f")[0]
-        return _in_v(polynomial_roots(num), polynomial_roots(den), leading, step)
+        return in_v(polynomial_roots(num), polynomial_roots(den), leading, step)
     if hasattr(system, "A"):
         state = StateSpace(*(np.atleast_2d(require_finite("system", name, getattr(system, name))) for name in "ABCD"))
         if state.d.shape != (1, 1):
@@ -61,7 +61,7 @@ def _read(system: Any) -> Factored:
             state = StateSpace((state.a - np.eye(len(state.a))) / step, state.b / step, state.c, state.d)
         return factored(state, np.linalg.eigvals(state.a).astype(complex), step)
     if hasattr(system, "gain") and hasattr(system, "zeros"):
-        return _in_v(
+        return in_v(
             np.asarray(system.zeros, complex), np.asarray(system.poles, complex), float(require_finite("system", "gain", system.gain)), step
         )
     raise GainroomError(f"{type(system).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
@@ -78,7 +78,7 @@ def _polynomial(value: Any) -> np.ndarray:
     return np.atleast_1d(array)
 
 
-def _in_v(zeros: np.ndarray, poles: np.ndarray, gain: float, step: float | None) -> Factored:
+def in_v(zeros: np.ndarray, poles: np.ndarray, gain: float, step: float | None) -> Factored:
     """Transfer function in v, from roots and gain in s or z."""
     if step is None:
         return Factored(zeros, poles, gain, 0.0, None)

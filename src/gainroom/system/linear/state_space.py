@@ -13,6 +13,9 @@ from ...native import _core
 from .arrays import Complexes, Floats, Integers, distinct
 from .transfer_function import Factored, paired
 
+CANCELLED = 1e-13  # relative distance of a zero from a pole below which both are one
+NEAR_DELAYS, LOOKED = 0.05, 60
+"""Size |z| of roots that may be those of whole ticks of delay; frequencies at which that is decided."""
 IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
 
 
@@ -52,6 +55,10 @@ class StateSpace:
     def between(self, inputs: Integers, outputs: Integers) -> "StateSpace":
         """System restricted to the given inputs and outputs, in the given order."""
         return StateSpace(self.a, self.b[:, inputs], self.c[outputs], self.d[np.ix_(outputs, inputs)])
+
+    def stacked(self, other: "StateSpace") -> "StateSpace":
+        """The system with more outputs: those of `other`, a system of the same states and inputs."""
+        return StateSpace(self.a, self.b, np.vstack([self.c, other.c]), np.vstack([self.d, other.d]))
 
     def beside(self, other: "StateSpace") -> "StateSpace":
         """Block-diagonal system of both, inputs and outputs stacked."""
@@ -246,6 +253,9 @@ def zeros_of(system: StateSpace) -> Complexes:
     finite = np.abs(beta) > 1e-14 * np.abs(alpha)
     roots = alpha[finite] / beta[finite] * size
     roots = roots[roots.imag >= 0]
+    poles = np.linalg.eigvals(system.a)
+    cancelled = np.abs(roots[:, None] - poles).min(axis=1, initial=np.inf) <= CANCELLED * np.abs(roots)
+    roots, as_placed = roots[~cancelled], roots[cancelled]  # on a pole the response has no value that Newton could use
     for _ in range(4):
         resolvent = roots[:, None, None] * np.eye(states) - system.a
         once = np.linalg.solve(resolvent, np.broadcast_to(system.b.astype(complex), (len(roots), states, 1)))
@@ -253,18 +263,46 @@ def zeros_of(system: StateSpace) -> Complexes:
         step = value / slope
         # Newton may only polish: a step that leaves the neighbourhood belongs to a zero that the pencil places better.
         roots = np.where(np.abs(step) < 1e-3 * np.abs(roots), roots - step, roots)
+    roots = np.concatenate([roots, as_placed])
     roots.imag[np.abs(roots.imag) <= 1e-12 * np.abs(roots)] = 0.0
     return paired(roots)
 
 
 def factored(system: StateSpace, poles: Complexes, sample_time: float | None) -> Factored:
-    """Transfer function of a scalar system: its zeros, the given poles, and a gain matched at a point away from both."""
+    """Transfer function of a scalar system: its zeros, the given poles, and a gain matched at a point away from both.
+
+    Of a sampled system zeros and poles near z = 0 may be the delays of whole ticks, of which eigenvalues leave a ring: m of them are only
+    known to the m-th root of round-off. They are put at 0 where that brings the response nearer to the system's.
+    """
     zeros = zeros_of(system)
     # Matched where the response is large: far up a roll-off the state space gives it as a small difference of large numbers.
     slowest = np.abs(poles)[poles != 0].min(initial=np.inf)
     probe = 0.7j * (slowest if np.isfinite(slowest) else 1.0)
-    if sample_time is not None:
-        probe = np.expm1(probe * sample_time) / sample_time
+    if sample_time is None:
+        return _matched(system, zeros, poles, probe, None)
+    probe = np.expm1(probe * sample_time) / sample_time
+    looked = np.expm1(1j * np.geomspace(1e-3, 1.0, LOOKED) * math.pi * (1 - 1e-6)) / sample_time
+    right = system.at(looked)[:, 0, 0]
+
+    def off(found: Factored) -> float:
+        shape = np.prod((looked[:, None] - found.zeros), axis=1) / np.prod(looked[:, None] - found.poles, axis=1)
+        return float(np.abs(found.gain * shape - right).max() / np.abs(right).max())
+
+    every = [
+        _matched(system, above, below, probe, sample_time)
+        for above in (zeros, _at_whole_ticks(zeros, sample_time))
+        for below in (poles, _at_whole_ticks(poles, sample_time))
+    ]
+    return min(every, key=off)
+
+
+def _matched(system: StateSpace, zeros: Complexes, poles: Complexes, probe: complex, sample_time: float | None) -> Factored:
+    """Transfer function with these zeros and poles whose gain is that of `system` at `probe`."""
     shape = np.prod(probe - zeros) / np.prod(probe - poles)
     gain = system.at(np.array([probe]))[0, 0, 0] / shape
     return Factored(zeros, poles, float(gain.real), 0.0, sample_time)
+
+
+def _at_whole_ticks(roots: Complexes, sample_time: float) -> Complexes:
+    """`roots` in δ with those near z = 0 at it."""
+    return np.where(np.abs(1 + sample_time * roots) < NEAR_DELAYS, -1 / sample_time, roots)

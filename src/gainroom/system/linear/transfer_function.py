@@ -7,6 +7,7 @@ The variable is v = s in continuous time, and v = δ = (z − 1)/T_s in sampled 
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -201,15 +202,19 @@ def polynomials_times(numerators: Floats, shared: Factored) -> list[Factored]:
 
 
 def total(parts: Sequence[Factored]) -> Factored:
-    """Sum of transfer functions with the same poles and delay, not empty: its zeros are the roots of the sum of the numerators.
+    """Sum of transfer functions with the same delay, not empty: its zeros are the roots of the sum of the numerators.
 
-    The roots are polished on the numerators as products, which keeps the digits that coefficients of a high order lose.
+    Poles that not all have come to those that all have. The roots are polished on the numerators as products, which keeps the digits that
+    coefficients of a high order lose.
     """
     first = parts[0]
     if len(parts) == 1:
         return first
-    if any(not np.array_equal(one.poles, first.poles) or (one.delay, one.sample_time) != (first.delay, first.sample_time) for one in parts):
-        raise GainroomError("a sum of transfer functions needs the same poles, delay and sample time in each")
+    if any((one.delay, one.sample_time) != (first.delay, first.sample_time) for one in parts):
+        raise GainroomError("a sum of transfer functions needs the same delay and sample time in each")
+    if any(not np.array_equal(one.poles, first.poles) for one in parts):
+        parts = _over_all_poles(parts)
+        first = parts[0]
     shared, apart = _shared(parts)
     numerator = reduce(np.polyadd, (one.gain * np.real(np.poly(zeros)) for one, zeros in zip(parts, apart, strict=True)))
     begun = _begun(np.atleast_1d(numerator).tolist())
@@ -228,6 +233,19 @@ def total(parts: Sequence[Factored]) -> Factored:
         roots = np.where(np.abs(step) < NEARBY * np.abs(roots), roots - step, roots)  # a longer one would leave for another root
     roots = np.where(np.abs(roots.imag) <= 1e-14 * np.abs(roots), roots.real, roots).astype(complex)
     return replace(first, zeros=np.concatenate([paired(roots), shared]), gain=begun[0])
+
+
+def _over_all_poles(parts: Sequence[Factored]) -> list[Factored]:
+    """`parts` with the poles of all, each pole as often as one has it at most; what one lacks it has as a zero, too."""
+    every: Counter[complex] = Counter()
+    for one in parts:
+        every |= Counter(one.poles.tolist())
+    poles = np.array([*every.elements()], dtype=complex)
+    found = []
+    for one in parts:
+        lacking = np.array([*(every - Counter(one.poles.tolist())).elements()], dtype=complex)
+        found.append(replace(one, zeros=np.concatenate([one.zeros, lacking]), poles=poles))
+    return found
 
 
 def _shared(parts: Sequence[Factored]) -> tuple[Complexes, list[Complexes]]:

@@ -10,11 +10,13 @@
 
 namespace gainroom {
 
-// The controller, one step a tick, times the loop's gain: x⁺ = a x + b e, u = c x + d e, e = (position error, motion error).
+// The controller, one step a tick, times the loop's gain: x⁺ = a x + b e, u = c x + d e, e = (position error, motion error, −torque).
 struct Control {
-    std::vector<double> a, b, c;  // (r, r), (r, 2), (r)
-    std::array<double, 2> d;
-    int side, velocity;  // what position gains measure, and what velocity is made from
+    std::vector<double> a, b, c, d;  // (r, r), (r, e), (r), (e); e = 2, or 3 with the torque of the spring
+    int side, velocity;              // what position gains measure, and what velocity is made from
+    std::vector<double> torque;      // (m) the spring's torque in the body's states; empty where it is not measured
+
+    std::size_t signals() const { return d.size(); }
 };
 
 // Nonlinear parts of the testbed.
@@ -64,14 +66,17 @@ class Testbed {
     std::size_t states() const { return body_.states(); }
     std::int64_t longest() const { return longest_; }
 
-    // Fills a row; false, with no more than its positions, where one of these is out of bounds.
-    bool step(const TickInputs& given, const Delay& delay, TickRow& row) noexcept {
+    bool measures_torque() const { return !control_.torque.empty(); }
+
+    // Fills a row; false, with no more than its positions, where one of these is out of bounds. `torque_noise` [N m]: of the reading.
+    bool step(const TickInputs& given, double torque_noise, const Delay& delay, TickRow& row) noexcept {
         for (int side = 0; side < kSides; side++) {
             row.position[side] = dot(body_.positions[side].data(), state_.data(), states());
             if (!(std::fabs(row.position[side]) <= hardware_.position_limit)) return false;
             row.reading[side] = quantised(row.position[side] + given.noise[side], hardware_.resolution[side]);
         }
-        row.target = command(row.reading[control_.side], row.reading[control_.velocity], given);
+        const double torque = measures_torque() ? dot(control_.torque.data(), state_.data(), states()) + torque_noise : 0.0;
+        row.target = command(row.reading[control_.side], row.reading[control_.velocity], torque, given);
         at(now_) = {row.target, delay.fraction, now_ + delay.whole};
         take_newest(0.0);
         row.demand = demand_;
@@ -112,14 +117,17 @@ class Testbed {
     }
 
     // The target torque of this tick; moves the controller on.
-    double command(double reading, double moving, const TickInputs& given) {
+    double command(double reading, double moving, double torque, const TickInputs& given) {
         if (now_ == 0) first_reading_ = moving;  // the difference's past: it has always read this
-        const double error = given.reference - reading, motion = given.motion + first_reading_ - moving;
-        const std::size_t size = memory_.size();
+        const double signals[3] = {given.reference - reading, given.motion + first_reading_ - moving, -torque};
+        const std::size_t size = memory_.size(), count = control_.signals();
         const double own = dot(control_.c.data(), memory_.data(), size);
-        const double target = given.feedforward + own + control_.d[0] * error + control_.d[1] * motion;
-        for (std::size_t i = 0; i < size; i++)
-            moved_[i] = dot(&control_.a[i * size], memory_.data(), size) + control_.b[2 * i] * error + control_.b[2 * i + 1] * motion;
+        double target = given.feedforward + own;
+        for (std::size_t k = 0; k < count; k++) target += control_.d[k] * signals[k];
+        for (std::size_t i = 0; i < size; i++) {
+            moved_[i] = dot(&control_.a[i * size], memory_.data(), size);
+            for (std::size_t k = 0; k < count; k++) moved_[i] += control_.b[count * i + k] * signals[k];
+        }
         std::swap(memory_, moved_);
         return target;
     }
