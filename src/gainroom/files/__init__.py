@@ -1,7 +1,8 @@
 """joint.yaml, robot.yaml, gain files and logs: schemas, bounded reading.
 
-One joint       joint_yaml (with its sections), joint_scenario (what is simulated); identified_joint writes one, identified_section is
-                its record; compare_section (what is compared), compared_joint (a controller that was found, written)
+One joint       joint_yaml (with its sections; law_section: a law in plain numbers), joint_scenario (what is simulated);
+                identified_joint writes one, identified_section is its record; compare_section (what is compared), compared_joint (a
+                controller that was found, written)
 A robot         robot_yaml reads, robot_sections has its keys, robot_scenario what is simulated; joint_references (joints in files of
                 their own)
 Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; plausibility; file_types tells

@@ -255,7 +255,8 @@ def zeros_of(system: StateSpace) -> Complexes:
     roots = roots[roots.imag >= 0]
     poles = np.linalg.eigvals(system.a)
     cancelled = np.abs(roots[:, None] - poles).min(axis=1, initial=np.inf) <= CANCELLED * np.abs(roots)
-    roots, as_placed = roots[~cancelled], roots[cancelled]  # on a pole the response has no value that Newton could use
+    as_placed: Complexes = roots[cancelled]
+    roots: Complexes = roots[~cancelled]  # on a pole the response has no value that Newton could use
     for _ in range(4):
         resolvent = roots[:, None, None] * np.eye(states) - system.a
         once = np.linalg.solve(resolvent, np.broadcast_to(system.b.astype(complex), (len(roots), states, 1)))
