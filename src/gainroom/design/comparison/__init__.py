@@ -8,6 +8,7 @@ structures        laws of a parameter vector; catalogue: by the names that files
 closed_loop       curves, ceilings and stability of many parameter vectors at once
 structure_search  best parameters over the box: global_search, then local_search
 bound             peak compliance that no linear controller on one sensor beats
+best_known        the best controller of any structure that a cone programme finds (optional: clarabel)
 certificate       the weights that prove it, as a small file that anybody can recompute
 dual_grid         what weights prove: the theory, on one grid
 closed_maps       every closed loop of a joint, affine in one free stable response
