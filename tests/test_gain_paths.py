@@ -83,16 +83,25 @@ def test_what_knows_one_path_only_refuses_two(tmp_path: Path, capsys: pytest.Cap
     """Reading it as one path for all would be a wrong answer."""
     path = tmp_path / "knee.yaml"
     path.write_text(JOINT, "utf-8")
-    for call in (["simulate", str(path)], ["verify", str(path)]):
-        assert main(call) == 2
-        message = capsys.readouterr().err
-        assert message.count("\n") == 1
-        assert "control.kd_path: is known to" in message
+    assert main(["identify", "plan", str(path)]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "control.kd_path: is known to" in message
     for read in (parse_joint, parse_simulation):
         with pytest.raises(GainroomError, match="kd_path"):
             read(JOINT, "knee.yaml")
     with pytest.raises(GainroomError, match="kd_path"):
         gr.load_robot(write_arm(tmp_path, ROBOT.replace("kd: 30.0}", "kd: 30.0, kd_path: {delay_ms: 0.1, sample_rate_hz: 10000}}")))
+
+
+def test_a_joint_of_two_paths_vibrates_in_simulation_where_it_is_predicted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The lifted loop's limit against runs of the testbed, which knows nothing of it."""
+    path = tmp_path / "knee.yaml"
+    path.write_text(JOINT, "utf-8")
+    assert main(["verify", str(path), "--json"]) == 0
+    (case,) = json.loads(capsys.readouterr().out)["cases"]
+    assert case["simulated_gain"] == pytest.approx(case["predicted_gain"], rel=1e-4)
+    assert case["simulated_frequency_rad_s"] == pytest.approx(case["predicted_frequency_rad_s"], rel=1e-4)
 
 
 def test_no_margin_depends_on_the_delay_of_set_points():

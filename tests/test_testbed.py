@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import gainroom as gr
 from gainroom.simulation.friction import Friction
@@ -267,3 +268,63 @@ TWO = gr.build_loop(gr.Plant(np.eye(2), 0.2, 1e4), DRIVE, gr.PD(1.0, 1.0), sampl
 )
 def test_impossible_testbeds_are_refused(make, words):
     assert_refused(make, words)
+
+
+def test_damping_in_the_drive_runs_at_its_own_rate_and_delay():
+    """Against a recursion by hand: every 50 µs a matrix exponential, kp each tenth time 2 ms late, damping each time 0.12 ms late.
+
+    Between two of its samples the drive's command changes: 0.12 ms are two and four tenths of 50 µs.
+    """
+    inner, late, kp, kd, corner = 5e-5, 1.2e-4, 3000.0, 120.0, 1100.0
+    joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    law = gr.PD(kp, kd, velocity_filter=gr.LowPass(corner))
+    loop = gr.build_loop(joint, drive, law, sample_time=TICK, kd_path=gr.GainPath(late, inner))
+    found = simulate(loop, Scenario(Step(0.01), 0.1, link_torque=2.0))
+
+    j_m, j_l, k, b, w, z = 0.2, 0.8, 1e4, 1.0, 4000.0, 0.9
+    a = np.zeros((6, 6))  # θ, q, θ', q', torque behind the current loop and its rate
+    a[0, 2] = a[1, 3] = a[4, 5] = 1.0
+    a[2] = np.array([-k, k, -b, b, 1.0, 0.0]) / j_m
+    a[3] = np.array([k, -k, b, -b, 0.0, 0.0]) / j_l
+    a[5, 4:] = -w * w, -2 * z * w
+    into = np.zeros((6, 2))
+    into[5, 0], into[3, 1] = w * w, 1 / j_l
+
+    def held(width: float) -> tuple[np.ndarray, np.ndarray]:
+        whole = expm(np.block([[a, into], [np.zeros((2, 8))]]) * width)
+        return whole[:6, :6], whole[:6, 6:]
+
+    parts = [held(0.4 * inner), held(0.6 * inner)]
+    # Tustin's rule for corner/(s + corner), exact at the corner, on the difference of positions
+    g = math.tan(corner * inner / 2)
+    b0, a1 = g / (1 + g), (1 - g) / (1 + g)
+    x, host, fast, last, speed, filtered = np.zeros(6), [], [], 0.0, 0.0, 0.0
+    rows = []
+    for n in range(round(0.1 / inner) + 1):
+        if n % 10 == 0:
+            host.append(kp * (0.01 - x[0]))
+            rows.append(x[:2].copy())
+        rate = (x[0] - last) / inner
+        filtered = a1 * filtered + b0 * (rate + speed)
+        last, speed = x[0], rate
+        fast.append(-kd * filtered)
+        first = host[n // 10 - 4] if n >= 40 else 0.0
+        for (step, push), m in zip(parts, (n - 3, n - 2), strict=True):
+            x = step @ x + push @ np.array([first + (fast[m] if m >= 0 else 0.0), 2.0])
+    np.testing.assert_allclose(np.hstack([found.motor_position, found.link_position]), rows, rtol=0, atol=1e-12)  # 2000 exponentials
+
+
+def test_damping_in_the_drive_vibrates_where_its_margins_end():
+    """Just below the factor on all gains that the lifted loop's eigenvalues give, a push decays; just above it grows."""
+    loop = gr.build_loop(
+        gr.ElasticJoint(0.2, 0.8, 1e4, 1.0),
+        gr.Drive(4000.0, 0.9, 2e-3),
+        gr.PD(3000.0, 120.0, velocity_filter=gr.LowPass(1100.0)),
+        sample_time=TICK,
+        kd_path=gr.GainPath(1e-4, 5e-5),
+    )
+    limit = gr.margins(loop).limit.gain
+    for factor, grows in ((0.98, False), (1.02, True)):
+        run = simulate(Testbed(loop.scaled(factor * limit)), Scenario(0.0, 2.0, link_torque=np.array([[1.0], [0.0]])))
+        size = np.abs(run.motor_position[:, 0])
+        assert (size[-400:].max() > size[1600:2000].max()) == grows

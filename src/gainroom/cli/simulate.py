@@ -87,7 +87,7 @@ def _load(file: Path, feedforward: Path | None) -> "SimulationSpec":
         return RobotSimulation.of(load_robot_system(file))
     from ..files.joint_yaml import load_simulation
 
-    return load_simulation(file, feedforward)
+    return load_simulation(file, feedforward, two_paths=True)
 
 
 def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcome":

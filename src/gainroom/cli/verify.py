@@ -61,5 +61,5 @@ def _load(file: Path) -> "tuple[System, tuple[str, ...]]":
         return robot, scenario_effects(robot.scenario)
     from ..files.joint_yaml import load_simulation
 
-    simulation = load_simulation(file)
+    simulation = load_simulation(file, two_paths=True)
     return simulation.system, simulation.scenario_effects

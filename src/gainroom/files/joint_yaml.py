@@ -80,20 +80,20 @@ def parse_joint(text: str, source: str, two_paths: bool = False, may_ask: bool =
         return _file(text, source, two_paths, together, may_ask).spec()
 
 
-def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimulation":
+def load_simulation(path: Path, feedforward: Path | None = None, two_paths: bool = False) -> "JointSimulation":
     """Joint with its scenario, or with the default scenario if the file has none; otherwise as load_joint.
 
     feedforward   a log: the joint is held at 0 under its target_torque, for as long as that lasts
     """
-    return parse_simulation(read_text(path), str(path), feedforward)
+    return parse_simulation(read_text(path), str(path), feedforward, two_paths)
 
 
-def parse_simulation(text: str, source: str, feedforward: Path | None = None) -> "JointSimulation":
+def parse_simulation(text: str, source: str, feedforward: Path | None = None, two_paths: bool = False) -> "JointSimulation":
     """Joint and scenario in the text of a joint.yaml, which messages call `source`; otherwise as load_simulation."""
     from ..simulation.simulation_spec import NO_RATE
 
     with named(source), Together() as together:
-        file = _file(text, source, two_paths=False, together=together)
+        file = _file(text, source, two_paths, together)
         if together.step(lambda: file.control.sample_rate_hz is None)():  # else a delay in ticks would ask for another remedy
             raise GainroomError(NO_RATE)
         system = together.step(file.spec)

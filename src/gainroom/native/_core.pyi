@@ -156,12 +156,29 @@ class Hardware:
         self, tick: float, cells: int, laws: Floats, gravity: Floats, torque_limit: float, resolution: Floats, position_limit: float
     ) -> None: ...
 
-class Testbed:
-    """Testbed of one joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
+class SecondPath:
+    """Part of the control law that samples `every` so many ticks, its commands `whole` ticks and a fraction of one late."""
 
-    def __init__(self, body: Body, control: Control, hardware: Hardware, state: Floats, longest: int) -> None: ...
+    def __init__(self, control: Control, every: int, whole: int, fraction: float) -> None: ...
+
+class Testbed:
+    """Testbed of one joint at some tick, from `state` (m,). For one thread at a time.
+
+    `control` samples `every` so many ticks; none of its commands takes more than `longest` whole ticks.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        control: Control,
+        hardware: Hardware,
+        state: Floats,
+        longest: int,
+        every: int = 1,
+        second: SecondPath | None = None,
+    ) -> None: ...
     def advance(self, given: Floats, whole: Integers, fraction: Floats, torque_noise: Floats | None = None) -> Floats:
-        """Rows (made, 7) of the next k ticks, fewer if a position is out of bounds.
+        """Rows (made, 7) of the next k samples of `control`, fewer if a position is out of bounds.
 
         given             (k, 7) reference, motion, feedforward, torques and noises of motor and link
         whole, fraction   (k,) delays of the commands [ticks]

@@ -16,7 +16,8 @@ BLOCK = 2000  # ticks
 def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
     """Complete run of a sampled loop or a testbed through a scenario.
 
-    system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
+    system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed. Where kd of one joint
+              has a path of its own, its loop runs as a Testbed without effects
 
     Raises GainroomError where system and scenario do not go together, and for a run too long to be held in memory.
     """
@@ -33,6 +34,8 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
 def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Run]:
     """Run in parts of `block` ticks, as they are computed; it ends early if it diverges, with the reason in the last part."""
     signals = ScenarioInputs(scenario, _sampled(system))
+    if isinstance(system, Loop) and system.kd_path is not None and system.size == 1:
+        system = Testbed(system)
     stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:

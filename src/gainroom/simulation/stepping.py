@@ -29,6 +29,7 @@ class LinearStepper:
         parts, step = loop.parts, loop.sample_time
         assert parts is not None
         assert step is not None
+        loop.require_one_path("a simulation of several joints")
         self.loop, self.size = loop, loop.size
         size, delays = self.size, parts.delays
         body = hold(actuated_state(parts.plant, parts.drives), np.concatenate([delays, np.zeros(2 * size)]), step)

@@ -1,4 +1,8 @@
-"""Testbed simulation by the C++ core (testbed.hpp), tick by tick."""
+"""Testbed simulation by the C++ core (testbed.hpp), tick by tick.
+
+Where kd has a path of its own, the core's ticks are those of a clock that both rates share. Its damping acts on the measured velocity
+alone, as in a drive: no reference goes there.
+"""
 
 import math
 from dataclasses import replace
@@ -7,7 +11,9 @@ import numpy as np
 
 from ..native import _core
 from ..system.assembly import actuated_state, controller_state
+from ..system.controller import Controller
 from ..system.feedback import SIDES
+from ..system.gain_path import samples_in_common
 from ..system.linear.arrays import Floats, Integers
 from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
@@ -34,9 +40,17 @@ class TestbedStepper:
         state = np.zeros(len(back))
         start = signals.start()
         state[len(state) - len(start) :] = start
-        longest = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self.sample_time) + 1
-        hardware = _hardware(testbed, signals.scenario.limit)
-        self._bed = _core.Testbed(body, _control(loop, back), hardware, np.linalg.solve(back, state), longest)
+        own, path, second, self._every = loop.parts.controller, loop.kd_path, None, 1
+        if path is not None:  # in their common period the drive takes `_every` samples and the host `every`
+            self._every, every = samples_in_common(path.sample_time, self.sample_time)
+            whole, fraction = split_delay(path.delay, self.sample_time / self._every)
+            second = _core.SecondPath(_control(loop, own.kd_alone(), path.sample_time, back), every, int(whole), float(fraction))
+            own = own.without_kd()
+        self._tick = self.sample_time / self._every
+        longest = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self._tick) + 1
+        hardware = _hardware(testbed, self._tick, signals.scenario.limit)
+        host = _control(loop, own, self.sample_time, back)
+        self._bed = _core.Testbed(body, host, hardware, np.linalg.solve(back, state), longest, self._every, second)
 
     def advance(self, inputs: Inputs, first: int) -> Run:
         """Run over the next ticks, numbered from `first`; rows after the first out of bounds are left out."""
@@ -67,12 +81,12 @@ class TestbedStepper:
         )
 
     def _drawn(self, count: int) -> tuple[Integers, Floats]:
-        """Delays of `count` commands: whole ticks and fractions of a tick."""
+        """Delays of `count` commands of the host: whole ticks of the core and fractions of one."""
         assert self.testbed.loop.parts is not None
         delays = self.testbed.loop.parts.drives[0].delay + self.testbed.jitter * self._delays.uniform(-1, 1, count)
         if self.testbed.whole_ticks:
             delays = self.sample_time * np.round(delays / self.sample_time)
-        whole, fraction = split_delay(np.maximum(delays, 0.0), self.sample_time)
+        whole, fraction = split_delay(np.maximum(delays, 0.0), self._tick)
         return whole.astype(np.int64), fraction
 
 
@@ -101,24 +115,21 @@ def _body(testbed: Testbed) -> tuple[_core.Body, Floats]:
     return _core.Body(system, c[0:2], c[2:4], b[:, 1:3].T, c[4], parts.drives[0].is_ideal, coordinates), back
 
 
-def _control(loop: Loop, back: Floats) -> _core.Control:
-    """Difference equation of the controller, for the core; `back`: from the body's states to those of actuated_state."""
+def _control(loop: Loop, controller: Controller, sample_time: float, back: Floats) -> _core.Control:
+    """Difference equation of `controller`, part of the loop's, for the core; `back`: from the body's states to those of actuated_state."""
     assert loop.parts is not None
-    assert loop.sample_time is not None
-    state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
-    transition = np.eye(len(state.a)) + loop.sample_time * state.a
+    state = controller_state(controller, loop.size, sample_time)
+    transition = np.eye(len(state.a)) + sample_time * state.a
     side, velocity = (SIDES.index(one) for one in (loop.parts.feedback.position, loop.parts.feedback.velocity))
-    law = (transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side, velocity)
+    law = (transition, sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side, velocity)
     if not loop.parts.feedback.torque:
         return _core.Control(*law)
-    spring = spring_signals(loop.parts.plant, actuated_state(loop.parts.plant, loop.parts.drives), loop.sample_time)
+    spring = spring_signals(loop.parts.plant, actuated_state(loop.parts.plant, loop.parts.drives), sample_time)
     return _core.Control(*law, spring.c[0] @ back)
 
 
-def _hardware(testbed: Testbed, limit: float) -> _core.Hardware:
-    """Hardware effects of the testbed, for the core."""
-    assert testbed.loop.sample_time is not None
-    tick = testbed.loop.sample_time
+def _hardware(testbed: Testbed, tick: float, limit: float) -> _core.Hardware:
+    """Hardware effects of the testbed, for the core, whose clock ticks every `tick` [s]."""
     return _core.Hardware(
         tick,
         max(1, math.ceil(tick / testbed.substep * (1 - 1e-9))),

@@ -209,7 +209,18 @@ def linear_case(what: str, loop: Loop) -> VerifiedLimit:
         return _without_limit(what, loop, limit)
     near = 1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR
     begin = 1.0 if near else limit.gain  # the search stays within that factor of its start
-    return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
+    found = _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
+    if loop.kd_path is None:
+        return found
+    return replace(found, simulated_frequency=_alias(found.simulated_frequency, limit.frequency, loop))
+
+
+def _alias(read: float, near: float, loop: Loop) -> float:
+    """Frequency [rad/s] next to `near` that reads `read` at the loop's ticks: with kd at a higher rate it may be above half of theirs."""
+    assert loop.sample_time is not None
+    turn = 2 * math.pi / loop.sample_time
+    whole = turn * round(near / turn)
+    return min(abs(whole + read), abs(whole - read), key=lambda one: abs(one - near))
 
 
 def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], VerifiedLimit] | None:

@@ -74,12 +74,22 @@ static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction
     return {tick, cells, laws(friction), gravity(weight), torque_limit, pair(resolution, "resolution has the shape (2,)"), position_limit};
 }
 
+using SecondPath = std::pair<gainroom::Path, gainroom::Delay>;
+
+static SecondPath second_path(const Control& control, std::int64_t every, std::int64_t whole, double fraction) {
+    require(every >= 1 && every <= 1 << 20, "every is from 1 to 2^20 ticks");
+    require(whole >= 0 && whole <= 1 << 24, "whole is from 0 to 2^24 ticks");
+    return {gainroom::Path{control, every, whole + 1}, gainroom::Delay{whole, fraction}};
+}
+
 static gainroom::Testbed testbed(const Body& body, const Control& control, const Hardware& hardware, const Vector& state,
-                                 std::int64_t longest) {
+                                 std::int64_t longest, std::int64_t every, const std::optional<SecondPath>& second) {
     require(state.shape(0) == body.states(), "state has the shape (m,)");
-    require(control.torque.empty() || control.torque.size() == body.states(), "torque has the shape (m,)");
+    for (const Control* each : {&control, second ? &second->first.control : &control})
+        require(each->torque.empty() || each->torque.size() == body.states(), "torque has the shape (m,)");
     require(longest >= 0 && longest <= 1 << 24, "longest is from 0 to 2^24 ticks");
-    return {body, control, hardware, copied(state), longest};
+    require(every >= 1 && every <= 1 << 20, "every is from 1 to 2^20 ticks");
+    return {body, gainroom::Path{control, every, longest}, second, hardware, copied(state)};
 }
 
 static nb::object advance(gainroom::Testbed& bed, const Matrix& given, const Integers& whole, const Vector& fraction,
@@ -157,8 +167,11 @@ void bind_simulation(nb::module_& m) {
     nb::class_<Hardware>(m, "Hardware")
         .def(nb::new_(&hardware), nb::arg("tick"), nb::arg("cells"), nb::arg("laws"), nb::arg("gravity"), nb::arg("torque_limit"),
              nb::arg("resolution"), nb::arg("position_limit"));
+    nb::class_<SecondPath>(m, "SecondPath")
+        .def(nb::new_(&second_path), nb::arg("control"), nb::arg("every"), nb::arg("whole"), nb::arg("fraction"));
     nb::class_<gainroom::Testbed>(m, "Testbed")
-        .def(nb::new_(&testbed), nb::arg("body"), nb::arg("control"), nb::arg("hardware"), nb::arg("state"), nb::arg("longest"))
+        .def(nb::new_(&testbed), nb::arg("body"), nb::arg("control"), nb::arg("hardware"), nb::arg("state"), nb::arg("longest"),
+             nb::arg("every") = 1, nb::arg("second") = nb::none())
         .def("advance", &advance, nb::arg("given"), nb::arg("whole"), nb::arg("fraction"), nb::arg("torque_noise") = nb::none());
     m.def("substep", &substep, nb::arg("body"), nb::arg("hardware"), nb::arg("state").noconvert(), nb::arg("bent").noconvert(),
           nb::arg("width"), nb::arg("torques"));

@@ -1,10 +1,14 @@
 // The virtual testbed: one joint, its drive, its encoders and its controller, tick by tick.
 //
-// A command is computed from the readings of its tick and arrives its delay later; the newest that has arrived counts. All memory is taken
-// when a testbed is made: a tick neither allocates nor throws.
+// A command is computed from the readings of its tick and arrives its delay later; the newest that has arrived counts. A controller may run
+// in two parts, each with its own rate and delay, such as stiffness on a host and damping in the drive: ticks are then those of a clock that
+// both share, each part samples every so many of them, and the drive adds what has arrived of both. All memory is taken when a testbed is
+// made: a tick neither allocates nor throws.
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <utility>
 
 #include "motion.hpp"
 
@@ -46,17 +50,23 @@ struct Delay {
     double fraction;
 };
 
+// A part of the controller that measures every so many ticks; none of its commands takes more than `longest` whole ticks.
+struct Path {
+    Control control;
+    std::int64_t every, longest;
+};
+
 class Testbed {
    public:
-    // From `state` (m) at tick 0, with no command under way; none will take more than `longest` whole ticks.
-    Testbed(Body body, Control control, Hardware hardware, std::vector<double> state, std::int64_t longest)
-        : body_(std::move(body)), control_(std::move(control)), hardware_(hardware), state_(std::move(state)), longest_(longest) {
-        std::size_t places = 1;
-        while (places < static_cast<std::size_t>(longest) + 1) places *= 2;
-        sent_.assign(places, Command{0.0, 0.0, -1});
+    // From `state` (m) at tick 0, with no command under way. A second path damps: no reference and no feedforward goes to it.
+    Testbed(Body body, Path first, std::optional<std::pair<Path, Delay>> second, Hardware hardware, std::vector<double> state)
+        : body_(std::move(body)), hardware_(hardware), state_(std::move(state)) {
+        paths_.emplace_back(std::move(first));
+        if (second) {
+            paths_.emplace_back(std::move(second->first));
+            second_delay_ = second->second;
+        }
         const std::size_t entries = body_.width() * body_.width();
-        memory_.assign(control_.c.size(), 0.0);
-        moved_ = memory_;
         work_.assign(std::max(2 * entries, body_.states()), 0.0);
         whole_cell_.transition.assign(entries, 0.0);
         for (Stretch& part : parts_) part.transition.assign(entries, 0.0);
@@ -64,25 +74,30 @@ class Testbed {
     }
 
     std::size_t states() const { return body_.states(); }
-    std::int64_t longest() const { return longest_; }
+    std::int64_t longest() const { return paths_[0].path.longest; }
 
-    bool measures_torque() const { return !control_.torque.empty(); }
-
-    // Fills a row; false, with no more than its positions, where one of these is out of bounds. `torque_noise` [N m]: of the reading.
+    // One sample of the first path, with all ticks up to its next one. Fills a row; false, with no more than its positions, where one of
+    // these is out of bounds. `torque_noise` [N m]: of the readings of the spring's torque.
     bool step(const TickInputs& given, double torque_noise, const Delay& delay, TickRow& row) noexcept {
-        for (int side = 0; side < kSides; side++) {
-            row.position[side] = dot(body_.positions[side].data(), state_.data(), states());
-            if (!(std::fabs(row.position[side]) <= hardware_.position_limit)) return false;
-            row.reading[side] = quantised(row.position[side] + given.noise[side], hardware_.resolution[side]);
+        for (std::int64_t tick = 0; tick < paths_[0].path.every; tick++, now_++) {
+            TickRow later;
+            TickRow& here = tick == 0 ? row : later;
+            if (!read(given, here)) return false;
+            if (tick == 0) paths_[0].send(now_, command(paths_[0], here, torque_noise, given), delay);
+            if (paths_.size() > 1 && now_ % paths_[1].path.every == 0) {
+                const TickInputs nothing{};
+                paths_[1].send(now_, command(paths_[1], here, torque_noise, nothing), second_delay_);
+            }
+            if (tick == 0) {
+                row.target = paths_[0].target + (paths_.size() > 1 ? paths_[1].target : 0.0);
+                take_newest(0.0);
+                row.demand = demand_;
+                row.actual = body_.ideal ? demand_ : dot(body_.current.data(), state_.data(), states());
+            } else {
+                take_newest(0.0);
+            }
+            move(given);
         }
-        const double torque = measures_torque() ? dot(control_.torque.data(), state_.data(), states()) + torque_noise : 0.0;
-        row.target = command(row.reading[control_.side], row.reading[control_.velocity], torque, given);
-        at(now_) = {row.target, delay.fraction, now_ + delay.whole};
-        take_newest(0.0);
-        row.demand = demand_;
-        row.actual = body_.ideal ? demand_ : dot(body_.current.data(), state_.data(), states());
-        move(given);
-        now_++;
         return true;
     }
 
@@ -98,57 +113,100 @@ class Testbed {
         std::vector<double> transition;
     };
 
+    // A path with its memory and the commands under way.
+    struct Running {
+        Path path;
+        std::vector<double> memory, moved;     // the controller's states
+        std::vector<Command> sent;             // those of the last samples, round and round; as many as a power of two
+        std::int64_t count = 0, newest = -1;   // samples; `newest` the one whose command the drive has, −1: none
+        double target = 0.0, demand = 0.0, first_reading = 0.0;
+
+        explicit Running(Path given) : path(std::move(given)) {
+            std::size_t places = 1;
+            while (places < static_cast<std::size_t>(reach()) + 1) places *= 2;
+            sent.assign(places, Command{0.0, 0.0, -1});
+            memory.assign(path.control.c.size(), 0.0);
+            moved = memory;
+        }
+
+        std::int64_t reach() const { return path.longest / path.every + 1; }  // samples before the last one that may be under way
+        const Command& at(std::int64_t sample) const { return sent[static_cast<std::size_t>(sample) & (sent.size() - 1)]; }
+        std::int64_t first_known() const { return std::max(newest + 1, count - 1 - reach()); }
+
+        void send(std::int64_t now, double torque, const Delay& delay) {
+            target = torque;
+            sent[static_cast<std::size_t>(count) & (sent.size() - 1)] = {torque, delay.fraction, now + delay.whole};
+            count++;
+        }
+    };
+
     Body body_;
-    Control control_;
     Hardware hardware_;
-    std::vector<double> state_, memory_, moved_, work_;  // memory: the controller's states
-    std::int64_t longest_, now_ = 0, newest_ = -1;       // ticks; `newest_` the one whose command the drive has, −1: none
-    double demand_ = 0.0, first_reading_ = 0.0, bent_[kSides] = {0.0, 0.0};
-    std::vector<Command> sent_;  // those of the last ticks, round and round; as many as a power of two
+    std::vector<Running> paths_;
+    Delay second_delay_{0, 0.0};
+    std::vector<double> state_, work_;
+    std::int64_t now_ = 0;  // ticks
+    double demand_ = 0.0, bent_[kSides] = {0.0, 0.0};
     Stretch whole_cell_, parts_[2];
     int oldest_part_ = 0;
-
-    Command& at(std::int64_t tick) { return sent_[static_cast<std::size_t>(tick) & (sent_.size() - 1)]; }
-    std::int64_t first_known() const { return std::max(newest_ + 1, now_ - longest_); }
 
     // The reading of an encoder with steps of `resolution`; 0: exact.
     static double quantised(double value, double resolution) {
         return resolution > 0 ? resolution * std::floor(value / resolution + 0.5) : value;
     }
 
-    // The target torque of this tick; moves the controller on.
-    double command(double reading, double moving, double torque, const TickInputs& given) {
-        if (now_ == 0) first_reading_ = moving;  // the difference's past: it has always read this
-        const double signals[3] = {given.reference - reading, given.motion + first_reading_ - moving, -torque};
-        const std::size_t size = memory_.size(), count = control_.signals();
-        const double own = dot(control_.c.data(), memory_.data(), size);
-        double target = given.feedforward + own;
-        for (std::size_t k = 0; k < count; k++) target += control_.d[k] * signals[k];
-        for (std::size_t i = 0; i < size; i++) {
-            moved_[i] = dot(&control_.a[i * size], memory_.data(), size);
-            for (std::size_t k = 0; k < count; k++) moved_[i] += control_.b[count * i + k] * signals[k];
+    // Positions and readings of this tick; false where a position is out of bounds.
+    bool read(const TickInputs& given, TickRow& row) const {
+        for (int side = 0; side < kSides; side++) {
+            row.position[side] = dot(body_.positions[side].data(), state_.data(), states());
+            if (!(std::fabs(row.position[side]) <= hardware_.position_limit)) return false;
+            row.reading[side] = quantised(row.position[side] + given.noise[side], hardware_.resolution[side]);
         }
-        std::swap(memory_, moved_);
+        return true;
+    }
+
+    // The target torque of a path at this tick; moves its controller on.
+    double command(Running& own, const TickRow& row, double torque_noise, const TickInputs& given) const {
+        const Control& control = own.path.control;
+        const double reading = row.reading[control.side], moving = row.reading[control.velocity];
+        if (own.count == 0) own.first_reading = moving;  // the difference's past: it has always read this
+        const double torque = control.torque.empty() ? 0.0 : dot(control.torque.data(), state_.data(), states()) + torque_noise;
+        const double signals[3] = {given.reference - reading, given.motion + own.first_reading - moving, -torque};
+        const std::size_t size = own.memory.size(), count = control.signals();
+        double target = given.feedforward + dot(control.c.data(), own.memory.data(), size);
+        for (std::size_t k = 0; k < count; k++) target += control.d[k] * signals[k];
+        for (std::size_t i = 0; i < size; i++) {
+            own.moved[i] = dot(&control.a[i * size], own.memory.data(), size);
+            for (std::size_t k = 0; k < count; k++) own.moved[i] += control.b[count * i + k] * signals[k];
+        }
+        std::swap(own.memory, own.moved);
         return target;
     }
 
-    // The drive takes up the newest command that arrives at `fraction` of this tick, unless it has a newer one.
+    // The drive takes up the newest command of each path that arrives at `fraction` of this tick, unless it has a newer one.
     void take_newest(double fraction) {
-        for (std::int64_t tick = now_; tick >= first_known(); tick--) {
-            const Command& one = at(tick);
-            if (one.arrival != now_ || !(std::fabs(one.fraction - fraction) <= kSameInstant)) continue;
-            newest_ = tick;
-            demand_ = std::min(std::max(one.torque, -hardware_.torque_limit), hardware_.torque_limit);
-            return;
+        double total = 0.0;
+        for (Running& own : paths_) {
+            for (std::int64_t sample = own.count - 1; sample >= own.first_known(); sample--) {
+                const Command& one = own.at(sample);
+                if (one.arrival != now_ || !(std::fabs(one.fraction - fraction) <= kSameInstant)) continue;
+                own.newest = sample;
+                own.demand = one.torque;
+                break;
+            }
+            total += own.demand;
         }
+        demand_ = std::min(std::max(total, -hardware_.torque_limit), hardware_.torque_limit);
     }
 
     // The first fraction of this tick after `after` at which a command arrives that is newer than the drive's; 2 where none does.
     double next_arrival(double after) {
         double first = 2.0;
-        for (std::int64_t tick = now_; tick >= first_known(); tick--) {
-            const Command& one = at(tick);
-            if (one.arrival == now_ && after + kSameInstant < one.fraction && one.fraction < first) first = one.fraction;
+        for (const Running& own : paths_) {
+            for (std::int64_t sample = own.count - 1; sample >= own.first_known(); sample--) {
+                const Command& one = own.at(sample);
+                if (one.arrival == now_ && after + kSameInstant < one.fraction && one.fraction < first) first = one.fraction;
+            }
         }
         return first;
     }
