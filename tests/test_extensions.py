@@ -340,7 +340,7 @@ def test_an_export_form_is_one_entry(tmp_path, capsys, monkeypatch):
     main(["export", "--help"])
     assert "servo: stiff and damp." in " ".join(capsys.readouterr().out.split())
     main(["audit", "--help"])
-    assert "moteus, MJCF, Servo INI;" in " ".join(capsys.readouterr().out.split())
+    assert "moteus, MJCF, C header, Markdown, Servo INI;" in " ".join(capsys.readouterr().out.split())
     assert main([*call, "--output", "out.ini", "--write", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["form"], said["text"]) == ("servo", Path("out.ini").read_text("utf-8"))
@@ -354,7 +354,7 @@ def test_an_export_form_is_one_entry(tmp_path, capsys, monkeypatch):
     assert "kps: [410.5, 300.0]" in capsys.readouterr().out
     Path("gains.yaml").write_text("elbow: {kp: 300.0, ki: 2.0}\n", "utf-8")
     assert main(call) == 2
-    assert "holds no integral gain, which elbow have; yaml, ros2_control do" in capsys.readouterr().err
+    assert "holds no integral gain, which elbow have; yaml, ros2_control, c, markdown do" in capsys.readouterr().err
 
     bench = JointBench(Opened(KNEE.replace(", peak_complementary: 1.3", ""), "knee.yaml", tmp_path))
     assert bench.opening()["forms"]["servo"] == "Servo INI"

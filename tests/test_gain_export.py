@@ -395,7 +395,7 @@ def test_bad_calls(folder: Path, capsys: pytest.CaptureFixture[str], call: str, 
 @pytest.mark.parametrize(
     ("form", "text", "says"),
     [
-        ("mjlab", "hip: {kp: 1, ki: 2}", "holds no integral gain, which hip have; yaml, ros2_control do"),
+        ("mjlab", "hip: {kp: 1, ki: 2}", "holds no integral gain, which hip have; yaml, ros2_control, c, markdown do"),
         ("yaml", '".*": [1, 1]', "names its joints by patterns, or not at all: give --model"),
         ("mjcf", "elbow: [1, 1]", "gains.'elbow' matches no joint"),
     ],

@@ -170,7 +170,7 @@ def test_a_form_holds_it_or_names_the_flag(folder: Path, capsys: pytest.CaptureF
         for key in ("kp", "kd", "motor_inertia", "stiffness", "damping"):
             assert mine[key] == (None if other[key] is None else pytest.approx(other[key], rel=1e-15)), key
     held = limits(second) == {"hip": 88.5, "knee": 30.0}
-    assert held is (form not in ("legged_gym", "arrays"))
+    assert held is (form not in ("legged_gym", "arrays", "c"))
     assert held is not any("limits of the torque have no place" in note for note in said["notes"])
     if said["audit_with"]:
         assert any(all(flag in note for flag in said["audit_with"] if flag.startswith("--")) for note in said["notes"])
@@ -191,6 +191,8 @@ def test_what_each_form_holds(folder: Path, capsys: pytest.CaptureFixture[str]):
         "isaaclab": {rate},
         "legged_gym": {rate, inertia},
         "arrays": {rate, posture, inertia},
+        "c": {rate, posture, inertia},
+        "markdown": {rate, posture},
     }
     assert "effort_limit=88.5" in text["mjlab"]["text"]
     assert "effort_limit_sim=88.5" in text["isaaclab"]["text"]

@@ -167,7 +167,8 @@ def test_a_form_names_what_it_loses(folder: Path, capsys: pytest.CaptureFixture[
     target = f"out{FORMS[form].ending}"
     said = told(capsys, "export", answer, "--to", form, "--output", target, "--write")
     flags, note = LOST[kind]
-    held = {"ros2_control": {"--rate-hz"}, "mjlab": {"--posture"}, "isaaclab": {"--posture"}, "legged_gym": {"--posture"}}.get(form, set())
+    posture = {name: {"--posture"} for name in ("mjlab", "isaaclab", "legged_gym")}
+    held = (posture | {"ros2_control": {"--rate-hz"}, "markdown": {"--stiffness", "--damping"}}).get(form, set())
     assert {each for each in said["audit_with"] if each.startswith("--")} - {"--motor-inertia"} == flags - held
     assert note in " ".join(said["notes"]).replace("has no place", "have no place")
     if not note:

@@ -101,7 +101,7 @@ class JointBench:
         if (feedback := study.system.control.feedback).mixed:  # which no form has a key for
             kept += f", measured on {feedback.where}"
         rate = study.system.control.sample_time
-        return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate)
+        return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate, self._data["control"])
 
     def mesh(self, place: int) -> bytes | None:
         return None

@@ -189,7 +189,8 @@ class RobotBench:
         }
         rate = system.control.sample_time
         margin_text = self._limit_text(system, view)
-        return pasted_gains(gains, form, f"{Path(self.opened.source).stem}, {margin_text}", None if rate is None else 1 / rate)
+        kept = f"{Path(self.opened.source).stem}, {margin_text}"
+        return pasted_gains(gains, form, kept, None if rate is None else 1 / rate, self._data["control"])
 
     def _limit_text(self, system: System, view: View) -> str:
         """Text of the gain limit in the worst of all states, certified as `gainroom robot` does, at nominal values."""

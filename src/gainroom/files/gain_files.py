@@ -17,6 +17,7 @@ from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
 from ..system.linear.arrays import Booleans, Floats
 from .export_forms import FORMS
+from .export_forms.sampled_law import with_sampled_law
 from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text
@@ -98,6 +99,11 @@ def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -
     `path` names the file in messages and decides its format by its ending; an MJCF is read from there if the text is "". Otherwise as
     read_gains.
     """
+    return with_sampled_law(_parsed(text, path, contact, to_use), text)
+
+
+def _parsed(text: str, path: Path, contact: str, to_use: bool) -> GainFile:
+    """Gains in the text of a file, without the filters that an export may hold."""
     ending = path.suffix.lower()
     for form in FORMS.values():
         if form.read is not None and (found := form.read(text, path)) is not None:

@@ -42,7 +42,8 @@ MAX_TICKS = 1000
 
 DELAY_MS = number(least=0, most=10_000, unit="ms")
 DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
-SampleRate = Annotated[float, number(least=1, most=1e6, unit="Hz")]
+RATE = number(least=1, most=1e6, unit="Hz")
+SampleRate = Annotated[float, RATE]
 DelayMs = Annotated[float, DELAY_MS]
 DelayTicks = Annotated[float, DELAY_TICKS]
 Bandwidth = Annotated[float, number(above=0, most=1e6, infinite=True, unit="rad/s")]
@@ -245,7 +246,32 @@ OneSide = Annotated[Literal["motor", "link"], BeforeValidator(_one_side)]
 Types = dict[str, type[Controller]]
 
 
-class ControlSection(Section):
+class FiltersSection(Section):
+    """Filters of a controller."""
+
+    velocity_filter: LowPassSection | None = None
+    notches: list[NotchSection] = Field([], max_length=20)
+    biquads: list[BiquadSection] = Field([], max_length=20)
+
+    def filters(self) -> dict[str, Any]:
+        """Filter arguments of every controller's constructor."""
+        low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
+        notches, biquads = tuple(one.notch() for one in self.notches), tuple(one.biquad() for one in self.biquads)
+        return {"velocity_filter": low_pass, "notches": notches, "biquads": biquads}
+
+    def require_below(self, nyquist: float, velocity: float) -> None:
+        """Raise GainroomError for a filter above half the rate at which it runs; `velocity` [rad/s] is half of that of kd."""
+        with Together() as together:
+            if (low_pass := self.velocity_filter) is not None:
+                together.step(lambda: low_pass.require_below("bandwidth", "control.velocity_filter", velocity))
+            for name, sections in (("notches", self.notches), ("biquads", self.biquads)):
+                for index, section in enumerate(sections):
+                    for key in section.EITHER:
+                        place = f"control.{name}[{index}]"
+                        together.step(lambda one=section, key=key, at=place: one.require_below(key, at, min(nyquist, velocity)))
+
+
+class ControlSection(FiltersSection):
     """Section `control`: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
     ALLOWED: ClassVar[str] = ""
@@ -256,9 +282,6 @@ class ControlSection(Section):
     type: str = Field(description="the kind of controller")
     feedback: OneSide = Field(description="the side of the gearbox that the encoder is on, motor or link")
     sample_rate_hz: SampleRate | None = None
-    velocity_filter: LowPassSection | None = None
-    notches: list[NotchSection] = Field([], max_length=20)
-    biquads: list[BiquadSection] = Field([], max_length=20)
     kd_path: GainPathSection | None = None
 
     @classmethod
@@ -324,12 +347,6 @@ class ControlSection(Section):
         refuse_long_delay(path.delay, path.sample_time, "control.kd_path.delay_ms")
         return path
 
-    def filters(self) -> dict[str, Any]:
-        """Filter arguments of every controller's constructor."""
-        low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
-        notches, biquads = tuple(one.notch() for one in self.notches), tuple(one.biquad() for one in self.biquads)
-        return {"velocity_filter": low_pass, "notches": notches, "biquads": biquads}
-
     @classmethod
     def gain_type(cls, keys: Sequence[GainKey]) -> Any:
         """Type that validates a gain read from a file, such as NotNegative or PerJoint[NotNegative].
@@ -362,15 +379,7 @@ class ControlSection(Section):
 
     def require_filters_below(self, nyquist: float) -> None:
         """Raise GainroomError for a filter above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""
-        velocity = nyquist if self.kd_path is None else math.pi * self.kd_path.sample_rate_hz
-        with Together() as together:
-            if (low_pass := self.velocity_filter) is not None:
-                together.step(lambda: low_pass.require_below("bandwidth", "control.velocity_filter", velocity))
-            for name, sections in (("notches", self.notches), ("biquads", self.biquads)):
-                for index, section in enumerate(sections):
-                    for key in section.EITHER:
-                        place = f"control.{name}[{index}]"
-                        together.step(lambda one=section, key=key, at=place: one.require_below(key, at, min(nyquist, velocity)))
+        self.require_below(nyquist, nyquist if self.kd_path is None else math.pi * self.kd_path.sample_rate_hz)
 
 
 def _placed(problem: str, gains: Mapping[str, Any]) -> str:

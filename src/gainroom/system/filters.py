@@ -33,8 +33,27 @@ def _horner(coefficients: Floats, v: Complexes) -> Complexes:
     return value
 
 
+class Filter:
+    """A filter of order 1 or 2 that Tustin's rule maps to sampled time."""
+
+    def polynomials(self, sample_time: float | None) -> Ratio:
+        """Numerator and denominator in v. Raises GainroomError for a frequency that is not below half the sample rate."""
+        raise NotImplementedError
+
+    def coefficients(self, sample_time: float) -> tuple[float, float, float, float, float]:
+        """Coefficients (b0, b1, b2, a1, a2) of y[k] = b0 x[k] + b1 x[k−1] + b2 x[k−2] − a1 y[k−1] − a2 y[k−2]. Raises GainroomError.
+
+        They have lost (ω T_s)² of their digits; of order 1, b2 and a2 are 0.
+        """
+        num, den = self.polynomials(sample_time)
+        order = len(den) - 1
+        b, a = (_in_z(np.pad(each, (order + 1 - len(each), 0)), sample_time) for each in (num, den))
+        b0, b1, b2, _, a1, a2 = (float(each / a[0]) for poly in (b, a) for each in np.pad(poly, (0, 2 - order)))
+        return b0, b1, b2, a1, a2
+
+
 @dataclass(frozen=True)
-class LowPass:
+class LowPass(Filter):
     """Low-pass filter on the velocity: order 1, ω/(s + ω); order 2, ω²/(s² + 2ζω s + ω²). bandwidth ω [rad/s]."""
 
     bandwidth: float
@@ -56,7 +75,7 @@ class LowPass:
 
 
 @dataclass(frozen=True)
-class Biquad:
+class Biquad(Filter):
     """Second-order filter ((s² + 2ζ₁ω₁ s + ω₁²)/ω₁²) / ((s² + 2ζ₂ω₂ s + ω₂²)/ω₂²), with gain 1 at rest and (ω₂/ω₁)² at high frequency.
 
     zero_frequency   ω₁ [rad/s]
@@ -89,7 +108,7 @@ class Biquad:
 
 
 @dataclass(frozen=True)
-class Notch:
+class Notch(Filter):
     """Notch filter (s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²), the biquad of equal frequencies.
 
     frequency   ω, where the notch is deepest [rad/s]
@@ -165,3 +184,12 @@ def _require_below_half(frequency: float, sample_time: float | None, name: str) 
     """Raise GainroomError unless a frequency [rad/s] is below half the sample rate."""
     if sample_time is not None and frequency * sample_time >= math.pi:
         raise GainroomError(f"{name} {frequency:g} rad/s must be below half the sample rate, {math.pi / sample_time:g} rad/s")
+
+
+def _in_z(polynomial: Floats, sample_time: float) -> Floats:
+    """Polynomial in δ = (z − 1)/T_s as one in z, by Horner's rule."""
+    value = polynomial[:1]
+    for coefficient in polynomial[1:]:
+        value = np.convolve(value, [1.0, -1.0]) / sample_time
+        value[-1] += coefficient
+    return value

@@ -125,11 +125,20 @@ def _joint(data: dict[str, Any], path: Sequence[str]) -> str | None:
     nodes = _along(data, path)
     for depth in range(len(path) - 1, -1, -1):
         if path[depth] not in WRAPPERS:
-            return path[depth]
+            return _commanded(nodes, path[depth])
         named = nodes[depth].get("joint")
         if isinstance(named, str):
             return named
     return None
+
+
+def _commanded(nodes: Sequence[Mapping[str, Any]], joint: str) -> str:
+    """Joint that gets the torque: of a controller that reads other states than those of the joints it commands, from `command_joints`."""
+    for node in nodes:
+        read, commanded = node.get("joints"), node.get("command_joints")
+        if isinstance(read, list) and isinstance(commanded, list) and len(read) == len(commanded) and joint in read:
+            return str(commanded[read.index(joint)])
+    return joint
 
 
 def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, Any]) -> str:
