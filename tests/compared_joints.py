@@ -4,7 +4,7 @@ import math
 
 import gainroom as gr
 from gainroom.design.comparison.ceilings import Ceilings
-from gainroom.design.comparison.joint_responses import Joint
+from gainroom.design.comparison.joint_responses import HOST, Joint
 from gainroom.design.comparison.structure_search import boxed
 from gainroom.system.system import System
 
@@ -42,4 +42,4 @@ def ceilings(system: System, noise: float | None = None) -> Ceilings:
 
 def nominal(system: System) -> Joint:
     """The joint at its nominal values, as laws on the host meet it."""
-    return Joint.of(boxed(system), system.delay / 2, None)
+    return Joint.of(boxed(system), {HOST: system.delay / 2}, None)

@@ -19,7 +19,7 @@ from ..design.comparison.ceilings import Ceilings
 from ..design.comparison.certificate import Certificate
 from ..design.comparison.closed_loop import Corners, curves
 from ..design.comparison.exact_joint import ExactJoint
-from ..design.comparison.joint_responses import Joint, quadrature
+from ..design.comparison.joint_responses import quadrature
 from ..design.comparison.objective import Objective
 from ..design.comparison.structure_search import (
     FINE,
@@ -467,7 +467,7 @@ def _fragile(problem: Problem, found: Found, worst: float) -> Fragile:
     unstable = 0
     for values in changed:
         system = problem.system.with_values(**values)
-        one = Joint.of(system, problem.ceilings.delay_reserve, problem.path if found.structure.in_drive else None)
+        one = problem.joint_of(found.structure, system)
         corners = Corners(found.structure, [one], problem.ceilings, problem.objective, FINE)
         unstable += int(not corners.all(found.x[None]).stable[0])
     there = problem.corners(found.structure, corner_places(problem.system), FINE).all(found.x[None])

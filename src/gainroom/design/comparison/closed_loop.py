@@ -11,13 +11,14 @@ about 0, from the lowest frequency to half the rate, by as much as the open loop
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...system.linear.arrays import Booleans, Complexes, Floats
 from .ceilings import Ceilings
 from .exact_joint import SENSORS
-from .joint_responses import Joint, Responses, quadrature
+from .joint_responses import Joint, Responses, quadrature, responses
 from .objective import Objective
 from .structures import Structure
 
@@ -52,16 +53,16 @@ class Curves:
         return Curves(self.compliance[one], self.sensitivity[one], self.delay[one], self.returned[one], noise)
 
 
-def curves(structure: Structure, x: Floats, joint: Joint, responses: Responses, ceilings: Ceilings) -> Curves:
-    """Curves of the coordinates x (batch, n) on `joint`, at the frequencies of `responses`."""
-    omega, steps = responses.omega, joint.sample_times
+def curves(structure: Structure, x: Floats, joint: Joint, at: Responses, ceilings: Ceilings) -> Curves:
+    """Curves of the coordinates x (batch, n) at the responses `at` of `joint`, or of joints with the same paths and reserves."""
+    omega, steps = at.omega, joint.sample_times
     laws = structure.laws(x, omega, steps)
     parts: dict[str, Complexes] = {}
     pushed: Complexes = 0.0
     for law in laws:
-        k, commands = SENSORS.index(law.sensor), responses.commands[law.path]
+        k, commands = SENSORS.index(law.sensor), at.commands[law.path]
         parts[law.path] = parts.get(law.path, 0.0) + law.response * commands[:, k]
-        pushed = pushed + law.response * (responses.load[:, k] * commands[:, LINK])
+        pushed = pushed + law.response * (at.load[:, k] * commands[:, LINK])
     returned = sum(parts.values())
     sensitivity: Complexes = 1 / (1 + returned)
     size = np.abs(sensitivity)
@@ -73,10 +74,10 @@ def curves(structure: Structure, x: Floats, joint: Joint, responses: Responses, 
             share = ceilings.noise_of(law.sensor)
             assert share is not None
             step = steps[law.path]
-            heard = responses.heard[law.path] * (omega < math.pi / step) * (step / math.pi * share**2)
+            heard = at.heard[law.path] * (omega < math.pi / step) * (step / math.pi * share**2)
             density = density + (law.response.real**2 + law.response.imag**2) * heard
         density = density * size**2
-    return Curves(responses.load[:, LINK] - sensitivity * pushed, size / ceilings.peak_sensitivity, delay, returned, density)
+    return Curves(at.load[:, LINK] - sensitivity * pushed, size / ceilings.peak_sensitivity, delay, returned, density)
 
 
 def _turn(angle: Floats) -> Floats:
@@ -88,9 +89,13 @@ def is_stable(structure: Structure, x: Floats, joint: Joint, omega: Floats, retu
     """True (batch,) where the loop with return ratio `returned` (batch, m) at omega (m,), rising, is stable, by a count of turns."""
     around = 1 + returned
     turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
-    asked = joint.start_angle(float(omega[0])) + structure.integrators * math.pi / 2
-    asked = asked + math.pi * structure.unstable_poles(x)
+    asked = joint.start_angle(float(omega[0])) + _turns_of_law(structure, x)
     return np.isfinite(turned) & (np.abs(turned - asked) < math.pi / 2)
+
+
+def _turns_of_law(structure: Structure, x: Floats) -> Floats:
+    """Angle (batch,) [rad] by which 1 + L must turn further for the poles of the laws that are not inside the unit circle."""
+    return math.pi * (structure.integrators / 2 + structure.unstable_poles(x))
 
 
 @dataclass(frozen=True)
@@ -112,27 +117,50 @@ class Merits:
 
 
 class Corners:
-    """Sampled joints at all corners at which a structure's parameters are judged."""
+    """Sampled joints at all corners at which a structure's parameters are judged.
+
+    sampled   responses of each corner, at as many frequencies
+    every     the same, one after the other
+    weights   of the quadrature over frequency, likewise
+    """
 
     def __init__(self, structure: Structure, joints: Sequence[Joint], ceilings: Ceilings, objective: Objective, density: float) -> None:
-        self.structure, self.joints, self.ceilings, self.objective = structure, list(joints), ceilings, objective
-        self.sampled = [joint.at(joint.grid(density)) for joint in joints]
-        self._weights = [quadrature(one.omega) for one in self.sampled]
+        self.structure, self.joints, self.ceilings, self.objective, self.density = structure, list(joints), ceilings, objective, density
+        self.omega = np.stack([joint.grid(density) for joint in joints])
+        self.rows = np.repeat(np.arange(len(joints)), self.omega.shape[1])
+        self.every = responses(joints, self.omega.ravel(), self.rows)
+        size = self.omega.shape[1]
+        self.sampled = [self.every.part(slice(k * size, (k + 1) * size)) for k in range(len(joints))]
+        self.weights = [quadrature(omega) for omega in self.omega]
         self.evaluated = 0
+        self._missed = [0] * len(joints)
 
     def one(self, x: Floats, corner: int) -> Merits:
         """Merits of the coordinates x (batch, n) at one corner."""
-        joint, responses, weights = self.joints[corner], self.sampled[corner], self._weights[corner]
+        joint, here, weights = self.joints[corner], self.sampled[corner], self.weights[corner]
         self.evaluated += len(x)
         with np.errstate(all="ignore"):
-            found = curves(self.structure, x, joint, responses, self.ceilings)
-            stable = is_stable(self.structure, x, joint, responses.omega, found.returned)
-            objective = np.log(self.objective.value(np.abs(found.compliance), responses.omega, weights))
+            found = curves(self.structure, x, joint, here, self.ceilings)
+            stable = is_stable(self.structure, x, joint, here.omega, found.returned)
+            objective = np.log(self.objective.value(np.abs(found.compliance), here.omega, weights))
             excess = np.log(np.maximum(found.sensitivity.max(axis=1), found.delay.max(axis=1)))
             if found.noise is not None:
                 excess = np.maximum(excess, 0.5 * np.log(found.noise @ weights))
         stable &= np.isfinite(objective) & np.isfinite(excess)
         return Merits(objective, excess, stable)
+
+    def are_stable(self, x: Floats, returned: Complexes) -> bool:
+        """True if the coordinates x (n,), with return ratio `returned` at all frequencies, are stable at every corner."""
+        if not np.isfinite(returned).all():
+            return False
+        around = (1 + returned).reshape(len(self.joints), -1)
+        turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
+        asked = self._start_angles + _turns_of_law(self.structure, x[None])
+        return bool(np.all(np.abs(turned - asked) < math.pi / 2))
+
+    @cached_property
+    def _start_angles(self) -> Floats:
+        return np.array([joint.start_angle(float(omega[0])) for joint, omega in zip(self.joints, self.omega, strict=True)])
 
     def all(self, x: Floats) -> Merits:
         """Merits over all corners."""
@@ -161,5 +189,4 @@ class Corners:
     @property
     def _order(self) -> list[int]:
         """Corners, those first at which most parameters have failed so far."""
-        self._missed = getattr(self, "_missed", [0] * len(self.joints))
         return sorted(range(len(self.joints)), key=lambda k: -self._missed[k])

@@ -36,7 +36,7 @@ def evolved(
     for _ in range(generations):
         progress()
         best = members[np.argmin(cost)]
-        picks = np.array([rng.choice(size, 3, replace=False) for _ in range(size)])
+        picks = np.argsort(rng.random((size, size)), axis=1)  # three different members each
         first, second, third = (members[picks[:, k]] for k in range(3))
         factor = rng.uniform(0.4, 0.9, (size, 1))
         toward = np.where(rng.random((size, 1)) < 0.5, rng.uniform(0.2, 0.9, (size, 1)), 0.0)  # half of them drawn to the best

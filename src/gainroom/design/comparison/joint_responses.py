@@ -7,24 +7,28 @@ that of what the current loop lets through there. What is found so is proved on 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ...errors import GainroomError
 from ...system.assembly import Parts, current_loop
 from ...system.controller import PD
 from ...system.feedback import feedback_of
 from ...system.gain_path import GainPath
-from ...system.linear.arrays import Complexes, Floats, distinct
-from ...system.linear.state_space import StateSpace
+from ...system.linear.arrays import Complexes, Floats, Integers
+from ...system.linear.state_space import StateSpace, hold, split_delay
 from ...system.system import System
-from .exact_joint import COMMAND, LOAD, ExactJoint, sensed_state
+from .exact_joint import COMMAND, LOAD, sensed_state
 
 HOST, DRIVE = "host", "drive"
 """Paths that a law may run on."""
 LOWEST = 2e-3  # of the slowest of antiresonance and the lag's inverse: there the return ratio is the position gain on the rigid joint
+BUSY = 0.02
+"""Share of the lag's inverse from which on loops close and filters act."""
+SPACING = 0.05
+"""Distance of frequencies, in ln, at density 1: a pole with a damping of 0.04 is seen."""
 BESIDE = np.geomspace(2e-3, 0.25, 8)  # relative distances from resonance and antiresonance that are sampled
 
 
@@ -42,37 +46,39 @@ class Responses:
     load: Complexes
     heard: Mapping[str, Floats]
 
+    def part(self, which: slice) -> "Responses":
+        """Responses at some of the frequencies."""
+        commands = {path: one[which] for path, one in self.commands.items()}
+        return Responses(self.omega[which], commands, self.load[which], {path: one[which] for path, one in self.heard.items()})
+
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint at one place in its uncertainty.
+    """One joint at one place in its uncertainty, with the paths that laws run on.
 
-    sample_times   of the paths [s], by path
-    reserves       extra delay [s] that each path must keep a reserve for
-    delay          of the host's path [s]
-    poles          of the joint in v, (z − 1)/T_s or s
+    reserves   extra delay [s] that is kept in reserve, by path
+    path       of the drive; None: all runs on the host
+    state      from (torque command, load torque) to SENSORS: without delays in continuous time; of the host alone sampled, without whole ticks
+    ticks      whole ticks of delay, of the host alone
     """
 
     system: System
     reserves: Mapping[str, float]
     path: GainPath | None
-    poles: Complexes
-    _exact: ExactJoint | None
-    _continuous: StateSpace
+    state: StateSpace
+    ticks: int
 
     @classmethod
-    def of(cls, system: System, reserve: float, path: GainPath | None) -> "Joint":
-        """Joint of `system` with its own values; `reserve` [s] on the host's path, the same share of its delay on the drive's `path`."""
-        source = system.source
-        if math.isinf(source.link_inertia):
-            raise GainroomError("a comparison needs a link that a load can move: joint.link_inertia is .inf")
-        parts = Parts(source.linearize(), system.drives, PD(0.0, 0.0), feedback_of("motor", PD), system.control.sample_time)
-        continuous = sensed_state(parts)
-        exact = ExactJoint.of(parts) if path is None else None
-        matrix = continuous.a if exact is None else exact.state_space.a
-        share = reserve / system.delay if system.delay > 0 else 0.0
-        reserves = {HOST: reserve} if path is None else {HOST: reserve, DRIVE: share * path.delay}
-        return cls(system, reserves, path, np.linalg.eigvals(matrix).astype(complex), exact, continuous)
+    def of(cls, system: System, reserves: Mapping[str, float], path: GainPath | None) -> "Joint":
+        """Joint of `system` with its own values."""
+        source, tick = system.source, system.control.sample_time
+        parts = Parts(source.linearize(), system.drives, PD(0.0, 0.0), feedback_of("motor", PD), tick)
+        state, ticks = sensed_state(parts), 0
+        if path is None:
+            assert tick is not None
+            whole, fraction = split_delay(parts.delays[0], tick)
+            state, ticks = hold(state, np.array([float(fraction) * tick, 0.0]), tick), int(whole)
+        return cls(system, reserves, path, state, ticks)
 
     @property
     def sample_times(self) -> dict[str, float]:
@@ -93,33 +99,55 @@ class Joint:
         low = LOWEST * min([1 / self.system.lag, *corners])
         beside = BESIDE if density <= 1 else np.geomspace(BESIDE[0] / density, BESIDE[-1], round(density * len(BESIDE)))
         about = np.concatenate([-beside[::-1], [0.0], beside])
-        parts = [np.geomspace(low, self.fastest * (1 - 1e-6), round(95 * density))]
+        top, busy = self.fastest * (1 - 1e-6), max(BUSY / self.system.lag, 2 * low)
+        parts = [np.geomspace(low, busy, 13)[:-1], np.geomspace(busy, top, math.ceil(density * math.log(top / busy) / SPACING))]
         parts += [np.minimum(one * (1 + about), self.fastest * (1 - 1e-6 * (2 + np.arange(len(about))))) for one in corners]
         return np.sort(np.concatenate(parts))
 
+    @cached_property
+    def _poles(self) -> Complexes:
+        return np.linalg.eigvals(self.state.a).astype(complex)
+
     def start_angle(self, omega: float) -> float:
         """Sum of the angles of jω − p, or e^(jωT_s) − p, over the joint's poles p [rad]."""
+        return float(np.angle(self.variable(np.array([omega])) - self._poles).sum()) + self.ticks * omega * self.sample_times[HOST]
+
+    def variable(self, omega: Floats) -> Complexes:
+        """Points (m,) at which `state` is evaluated: jω, or (e^(jωT_s) − 1)/T_s."""
         host = self.sample_times[HOST]
-        v = 1j * omega if self._exact is None else np.expm1(1j * omega * host) / host
-        return float(np.angle(v - self.poles).sum())
+        return 1j * omega if self.path is not None else np.expm1(1j * omega * host) / host
 
     def at(self, omega: Floats) -> Responses:
         """Responses at omega (m,) [rad/s]."""
-        if self._exact is not None:
-            found = self._exact.at(omega)
-            return Responses(omega, {HOST: found[:, :, COMMAND]}, found[:, :, LOAD], {HOST: np.ones(len(omega))})
-        s = 1j * omega
-        found = self._continuous.at(s)
-        assert self.path is not None
-        drive = self.system.drives[0]
-        loop = np.abs(current_loop(drive).at(s)) ** 2
-        delays = {HOST: drive.delay, DRIVE: self.path.delay}
-        commands, heard = {}, {}
-        for path, step in self.sample_times.items():
-            held = np.sinc(omega * step / (2 * math.pi))
-            commands[path] = found[:, :, COMMAND] * (held * np.exp(-s * (delays[path] + step / 2)))[:, None]
-            heard[path] = loop * held**2
-        return Responses(omega, commands, found[:, :, LOAD], heard)
+        return responses([self], omega, np.zeros(len(omega), dtype=int))
+
+
+def responses(joints: Sequence[Joint], omega: Floats, rows: Integers) -> Responses:
+    """Responses at omega (m,) [rad/s], each of the joint whose index `rows` (m,) has."""
+    size = max(len(joint.state.a) for joint in joints)  # a fraction of a tick is one state more
+    a, b, c = np.zeros((len(joints), size, size)), np.zeros((len(joints), size, 2)), np.zeros((len(joints), 3, size))
+    for k, joint in enumerate(joints):
+        own = len(joint.state.a)
+        a[k, :own, :own], b[k, :own], c[k, :, :own] = joint.state.a, joint.state.b, joint.state.c
+    v = joints[0].variable(omega)
+    resolvent = np.zeros((len(omega), size, size), dtype=complex)
+    resolvent -= a[rows]
+    diagonal = np.arange(size)
+    resolvent[:, diagonal, diagonal] += v[:, None]
+    found = c[rows] @ np.linalg.solve(resolvent, b[rows].astype(complex))
+    drives, path, steps = [joint.system.drives[0] for joint in joints], joints[0].path, joints[0].sample_times
+    if path is None:
+        late = np.array([joint.ticks for joint in joints])[rows] * steps[HOST]
+        commands = {HOST: found[:, :, COMMAND] * np.exp(-1j * omega * late)[:, None]}
+        return Responses(omega, commands, found[:, :, LOAD], {HOST: np.ones(len(omega))})
+    passed = np.abs(current_loop(drives[0]).at(1j * omega)) ** 2
+    delays = {HOST: np.array([drive.delay for drive in drives])[rows], DRIVE: path.delay}
+    commands, heard = {}, {}
+    for name, step in steps.items():
+        held = np.sinc(omega * step / (2 * math.pi))
+        commands[name] = found[:, :, COMMAND] * (held * np.exp(-1j * omega * (delays[name] + step / 2)))[:, None]
+        heard[name] = passed * held**2
+    return Responses(omega, commands, found[:, :, LOAD], heard)
 
 
 def quadrature(omega: Floats) -> Floats:
@@ -129,8 +157,3 @@ def quadrature(omega: Floats) -> Floats:
     weights[1:] += steps / 2
     weights[0] += omega[0]
     return weights
-
-
-def joined(parts: list[Floats]) -> Floats:
-    """Frequencies of several grids, rising, each once."""
-    return distinct(np.concatenate(parts))

@@ -8,6 +8,7 @@ breaks join the corners, and the local search goes on.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ...system.uncertainty import NOMINAL, Place, Uncertainty
 from .ceilings import Ceilings
 from .closed_loop import Corners, Merits
 from .global_search import evolved
-from .joint_responses import Joint
+from .joint_responses import DRIVE, HOST, Joint
 from .local_search import Polished, polished
 from .objective import Objective
 from .structures import Structure
@@ -82,7 +83,23 @@ class Problem:
 
     def joint(self, structure: Structure, place: Place) -> Joint:
         """Joint at a place of the box, as `structure` meets it."""
-        return Joint.of(self.system.at(place), self.ceilings.delay_reserve, self.path if structure.in_drive else None)
+        known = self._joints.setdefault(structure.in_drive, {})
+        if place not in known:
+            known[place] = self.joint_of(structure, self.system.at(place))
+        return known[place]
+
+    def joint_of(self, structure: Structure, system: System) -> Joint:
+        """Joint of `system`, as `structure` meets it; the drive's path has the same share of its delay in reserve as the host's."""
+        reserves = {HOST: self.ceilings.delay_reserve}
+        if not structure.in_drive:
+            return Joint.of(system, reserves, None)
+        share = self.ceilings.delay_reserve / self.system.delay if self.system.delay > 0 else 0.0
+        return Joint.of(system, reserves | {DRIVE: share * self.path.delay}, self.path)
+
+    @cached_property
+    def _joints(self) -> dict[bool, dict[Place, Joint]]:
+        """Joints made so far, of which the same places serve every structure."""
+        return {}
 
     def corners(self, structure: Structure, places: Sequence[Place], density: float) -> Corners:
         """Sampled joints at `places`."""

@@ -143,9 +143,9 @@ class Structure:
         for k in range(self.biquads):
             low, high = 0.025 / lag, min(3.75 / lag, most)
             ranges[f"zero_frequency_{k}"] = Parameter("zero_frequency", "rad/s", low, high, most=most)
-            ranges[f"zero_damping_{k}"] = Parameter("zero_damping", "", 0.04, 2.0, 1e-3, 20.0)
+            ranges[f"zero_damping_{k}"] = Parameter("zero_damping", "", 0.04, 2.0, 0.01, 20.0)
             ranges[f"pole_frequency_{k}"] = Parameter("pole_frequency", "rad/s", low, high, most=most)
-            ranges[f"pole_damping_{k}"] = Parameter("pole_damping", "", 0.04, 2.5, 1e-2, 20.0)
+            ranges[f"pole_damping_{k}"] = Parameter("pole_damping", "", 0.05, 2.5, 0.04, 20.0)
         return replace(self, ranges=ranges)
 
     # the search's coordinates
