@@ -1,7 +1,7 @@
 """Controllers of one joint compared at equal robustness: what another structure, another sensor, or kd in the drive buys it.
 
 Every structure is tuned under the same ceilings at every corner of the joint's box: sensitivity, delay reserve and torque noise, by default
-the noise that the best PD in the box makes. Its winner is proved by the margins of its loop, at every corner and at samples inside.
+the noise that the best PD makes. Its winner is proved by the margins of its loop, at every corner and at samples inside.
 """
 
 import math
@@ -67,7 +67,7 @@ class ComparisonSettings:
     objective    what is made small
     sensor_noise standard deviation per sample by sensor: of an encoder step/√12 [rad], of the torque sensor [N m]
     path         the drive's own loop; None: 0.1 ms, 20 kHz
-    delay_reserve, torque_noise   ceilings [s], [N m]; None: half of the drive's delay; what the best PD needs
+    delay_reserve, torque_noise   ceilings [s], [N m]; None: half of the drive's delay; what the best PD makes
     """
 
     structures: tuple[Any, ...] = ()
@@ -212,10 +212,10 @@ def compare(
     steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded)
     plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
     steps.tell("pd, whose noise is the ceiling of the torque noise")
-    pd = searched(problem, plain, progress=steps.checkpoint)
-    if problem.ceilings.torque_noise is None and pd is not None and plain.position in problem.ceilings.sensor_noise:
-        problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=_noise(problem, pd)))
-    rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], (plain, pd), nominal, steps)
+    pd = {box: searched(problem, plain, (), None if box else [NOMINAL], steps.checkpoint) for box in (True, False)}
+    if problem.ceilings.torque_noise is None and plain.position in problem.ceilings.sensor_noise and (made := _noises(problem, pd)):
+        problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=max(made)))
+    rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], plain, pd, nominal, steps)
     found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective)
     if bounded:
         steps.tell("what no linear controller can beat")
@@ -303,9 +303,11 @@ def _ceilings(system: System, settings: ComparisonSettings) -> Ceilings:
     return Ceilings(reserve, torque_noise=noise, sensor_noise=sensed, **limits)
 
 
-def _rows(problem: Problem, wanted: list[Structure], pd: tuple[Structure, Found | None], nominal: bool, steps: _Steps) -> list[Row]:
+def _rows(
+    problem: Problem, wanted: list[Structure], plain: Structure, pd: Mapping[bool, Found | None], nominal: bool, steps: _Steps
+) -> list[Row]:
     """Rows of the structures, tuned in an order in which each begins at the optima of those that it contains."""
-    known = {True: {pd[0].key: pd}, False: dict[str, tuple[Structure, Found | None]]()}
+    known = {box: {plain.key: (plain, found)} for box, found in pd.items()}
     rows: dict[str, Row] = {}
     left = list(wanted)
     while left:
@@ -345,13 +347,19 @@ def _starts(structure: Structure, known: Mapping[str, tuple[Structure, Found | N
     return starts
 
 
-def _noise(problem: Problem, found: Found) -> float:
-    """Largest rms torque command over the corners [N m]; NaN where the noise of a sensor is not known."""
+def _noises(problem: Problem, pd: Mapping[bool, Found | None]) -> list[float]:
+    """Torque noise of the best PD in the box, and of that tuned at the nominal values, there [N m]."""
+    places = {True: corner_places(problem.system), False: [NOMINAL]}
+    return [_noise(problem, found, places[box]) for box, found in pd.items() if found is not None]
+
+
+def _noise(problem: Problem, found: Found, places: Sequence[Place]) -> float:
+    """Largest rms torque command at `places` [N m]; NaN where the noise of a sensor is not known."""
     if any(sensor not in problem.ceilings.sensor_noise for sensor in found.structure.sensors):
         return math.nan
     ceilings = replace(problem.ceilings, torque_noise=1.0)
     largest = 0.0
-    for place in corner_places(problem.system):
+    for place in places:
         joint = problem.joint(found.structure, place)
         responses = joint.at(joint.grid(FINE))
         density = curves(found.structure, found.x[None], joint, responses, ceilings).noise
@@ -395,7 +403,7 @@ def _row(problem: Problem, structure: Structure, found: Found | None, alone: Fou
         proof.worst,
         proof.count,
         _reserve(problem, found),
-        _noise(problem, found),
+        _noise(problem, found, corner_places(problem.system)),
         structure.sensors,
         structure.where,
         math.expm1(found.gap),

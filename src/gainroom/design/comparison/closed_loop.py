@@ -25,6 +25,12 @@ from .structures import Structure
 LINK = SENSORS.index("link")
 UNSTABLE = 1e3
 """Merit of parameters that are unstable."""
+SURE = 0.75 * math.pi
+"""Angle [rad] by which turns may differ from those of a stable loop: π/2 of a slow integral, whose root is below the lowest frequency.
+
+A root outside the unit circle takes π if it is real and fast, near z = −1; the position gain holds the joint at rest, so that slow ones
+come in pairs, which take 2π.
+"""
 PRICE = 100.0
 """Cost of a ceiling exceeded by a factor e, against ln of the objective."""
 
@@ -90,7 +96,7 @@ def is_stable(structure: Structure, x: Floats, joint: Joint, omega: Floats, retu
     around = 1 + returned
     turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
     asked = joint.start_angle(float(omega[0])) + _turns_of_law(structure, x)
-    return np.isfinite(turned) & (np.abs(turned - asked) < math.pi / 2)
+    return np.isfinite(turned) & (np.abs(turned - asked) < SURE)
 
 
 def _turns_of_law(structure: Structure, x: Floats) -> Floats:
@@ -156,7 +162,7 @@ class Corners:
         around = (1 + returned).reshape(len(self.joints), -1)
         turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
         asked = self._start_angles + _turns_of_law(self.structure, x[None])
-        return bool(np.all(np.abs(turned - asked) < math.pi / 2))
+        return bool(np.all(np.abs(turned - asked) < SURE))
 
     @cached_property
     def _start_angles(self) -> Floats:

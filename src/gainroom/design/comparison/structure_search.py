@@ -1,8 +1,8 @@
 """Search for the best parameters of one structure that keep the ceilings everywhere in the box.
 
-First a global search from random starts and from the optimum of every smaller structure, twice with different seeds, then local searches
-from the best of each. The gap between the two best says how far the optimum may be trusted. Samples inside the box at which a ceiling
-breaks join the corners, and the local search goes on.
+Local searches begin at the optimum of every smaller structure, and at the best of global searches, half of which know of these. They are
+repeated with other seeds until the two best ends agree; the gap between them says how far the optimum may be trusted. Samples inside the
+box at which a ceiling breaks join the corners, and the local search goes on.
 """
 
 import math
@@ -33,8 +33,13 @@ SAMPLES = 200
 """Seeded samples inside the box at which a winner is looked at."""
 KEPT = 1e-5
 """Ln by which a ceiling may be exceeded: round-off, and the height of a peak between samples."""
-SEEDS = (0, 1)
-GENERATIONS = 25
+SEEDS, MOST_SEEDS = 2, 5
+"""Fewest and most global searches of a structure."""
+AGREED = 5e-3
+"""Gap of the two best ends, in ln, at which no further one is made."""
+FEW = 12
+"""Steps of a local search from the optimum of a smaller structure before the best of these are followed to the end."""
+GENERATIONS = 20
 """Generations of the global search per parameter."""
 COARSE, FINE = 1.0, 3.0
 """Densities of the frequency grid of global and local search."""
@@ -153,17 +158,17 @@ def searched(
     chosen = corner_places(problem.system) if places is None else list(places)
     coarse = problem.corners(structure, chosen, COARSE)
     fine = problem.corners(structure, chosen, FINE)
-    ends: list[Polished] = []
-    for seed in SEEDS:
-        generations = GENERATIONS * len(structure.parameters)
-        members, costs = evolved(coarse, seed, generations, starts, RESERVE, progress)
-        found = [polished(fine, one, RESERVE, progress) for one in _apart(members, costs)]
-        if known := [one for one in found if one is not None]:
-            ends.append(min(known, key=_rank))
-    ends += [one for start in starts if (one := polished(fine, start, RESERVE, progress)) is not None]
+    begun = [one for start in starts if (one := polished(coarse, start, RESERVE, progress, FEW)) is not None]
+    begun = sorted(begun, key=_rank)
+    ends = _polished(fine, [one.x for one in begun[:POLISHED]], progress)
+    for seed in range(MOST_SEEDS):
+        if seed >= SEEDS and _gap(ends) < AGREED:
+            break
+        known = [one.x for one in begun] if seed % 2 else []  # every other one knows nothing of smaller structures
+        members, costs = evolved(coarse, seed, GENERATIONS * len(structure.parameters), known, RESERVE, progress)
+        ends = sorted(ends + _polished(fine, _apart(members, costs), progress)[:1], key=_rank)
     if not ends:
         return None
-    ends.sort(key=_rank)
     best, gap = ends[0], _gap(ends)
     broken = None
     if boxed_in:
@@ -188,6 +193,12 @@ def _found(
     values = [math.exp(float(fine.one(best.x[None], k).objective[0])) for k in range(len(places))]
     corner = int(np.argmax(values))
     return Found(structure, best.x, values[0], values[corner], places[corner], best.excess, gap, broken, evaluated, tuple(places))
+
+
+def _polished(corners: Corners, starts: Sequence[Floats], progress: Callable[[], None]) -> list[Polished]:
+    """Ends of local searches, the best first."""
+    found = [polished(corners, start, RESERVE, progress) for start in starts]
+    return sorted((one for one in found if one is not None), key=_rank)
 
 
 def _rank(one: Polished) -> tuple[bool, float, float]:
