@@ -99,7 +99,7 @@ def test_the_disk_of_delays_is_a_delay_margin():
     omega = joint.grid(3.0)
     found = curves(structure, x, joint, joint.at(omega), limits)
     stable = is_stable(structure, x, joint, omega, found.returned)
-    kept = stable & (found.delay.max(axis=1) <= 1)
+    kept = stable & (found.delay.max(axis=1) <= 1) & (2 * found.sensitivity.max(axis=1) < 5)  # no pole that the samples miss
     assert np.count_nonzero(kept) > 10
     for one in x[kept]:
         margin = gr.margins(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()).delay_margin

@@ -58,7 +58,7 @@ class Joint:
 
     reserves   extra delay [s] that is kept in reserve, by path
     path       of the drive; None: all runs on the host
-    state      from (torque command, load torque) to SENSORS: without delays in continuous time; of the host alone sampled, without whole ticks
+    state      from (torque command, load torque) to SENSORS, in continuous time without delays; of the host alone sampled, without `ticks`
     ticks      whole ticks of delay, of the host alone
     """
 
