@@ -15,7 +15,9 @@ from .exact_joint import ExactJoint
 
 STEP = 2 * math.pi * 0.1  # rad/s, at most: joints stiffen and resonate from some hertz on
 PER_DECADE = 60  # knots
-RATE = 0.5  # of the ascent
+RATE = 1.0  # of the ascent; from 2 on it swings
+REFINED = (5, 10, 15, 20)  # steps after which knots are added
+UNEVEN = 1.3  # ratio, within an interval, of a response to its ceiling, squared, from which on a knot is added
 FLOOR = 3e-3  # share of the compliance's weight that stays spread over low frequencies
 
 
@@ -41,9 +43,8 @@ def lower_bound(joint: ExactJoint, ceilings: Ceilings, sensor: str = "motor", st
     points = 2 ** max(13, math.ceil(math.log2(half_rate / STEP)))
     frequency = _knots(half_rate, half_rate / points)
     grid = DualGrid.of(Stabilised.of(joint, (sensor,)), joint, ceilings, sensor, frequency, points)
-    weights, noise_weight = _ascended(grid, frequency, steps)
-    table, noise_weight = _short(weights), float(_short(np.array([noise_weight]))[0])
-    unclaimed = Certificate(joint, ceilings, sensor, frequency, table, noise_weight, points, 0.0)
+    frequency, table, noise_weight = _ascended(grid, steps)
+    unclaimed = Certificate(joint, ceilings, sensor, frequency, _short(table), float(_short(np.array(noise_weight))), points, 0.0)
     value = unclaimed.check()
     return Bound(value, replace(unclaimed, value=value), (points, 2 * points), unclaimed.agreement)
 
@@ -67,28 +68,26 @@ def _knots(half_rate: float, step: float) -> Floats:
     return np.array([*found, half_rate])
 
 
-def _ascended(grid: DualGrid, frequency: Floats, steps: int) -> tuple[Floats, float]:
-    """Best table of weights, and ν, of some steps of mirror ascent: a weight grows by as much as its ceiling is exceeded."""
+def _ascended(grid: DualGrid, steps: int) -> tuple[Floats, Floats, float]:
+    """Best weights of some steps of mirror ascent: knots, table and ν. A weight grows by as much as its ceiling is exceeded."""
 
-    def of_mean(values: Floats, mean: float) -> Floats:
-        return values * mean / (values @ grid.masses)
+    def low(corner: float, mean: float) -> Floats:
+        """Weights of low frequencies, up to some corner [rad/s]: where to begin."""
+        return _of_mean(grid, 1 / (1 + (grid.frequency / corner) ** 2), mean)
 
-    def low(corner: float) -> Floats:
-        return 1 / (1 + (frequency / corner) ** 2)  # corner [rad/s]: where to begin only
-
-    base = of_mean(low(30), 1.0)
-    table = np.array([of_mean(low(20), 1.0), of_mean(low(200), 0.05), np.full_like(base, 1e-4)])
+    base = low(30, 1.0)
+    table = np.array([low(20, 1.0), low(200, 0.05), np.full_like(base, 1e-4)])
     noise_weight = 0.05 if len(grid.fixed) > len(table) else 0.0
     unit = float(np.abs(grid.fixed[0]).max())  # of compliance [rad/(N m)]; other weights are in units of its square
-    best, found = -math.inf, (table, noise_weight)
+    best, found = -math.inf, (grid.frequency, table, noise_weight)
     for step in range(steps):
-        table = np.array([(1 - FLOOR) * of_mean(table[0], 1.0) + FLOOR * base, table[1] + 1e-5 * base, table[2] + 1e-6])
+        table = np.array([(1 - FLOOR) * _of_mean(grid, table[0], 1.0) + FLOOR * base, table[1] + 1e-5 * base, table[2] + 1e-6])
         weights = grid.all_weights(table, noise_weight)
         weights[0] /= unit**2
         least, q = least_squares(weights, grid.fixed, grid.free)
         value = (least - weights[1:].mean(axis=1).sum()) * unit**2
         if value > best:
-            best, found = value, (table * np.array([[1.0], [unit**2], [unit**2]]), noise_weight * unit**2)
+            best, found = value, (grid.frequency, table * np.array([[1.0], [unit**2], [unit**2]]), noise_weight * unit**2)
         reached = grid.fixed + grid.free * q
         shares = reached.real**2 + reached.imag**2  # of each ceiling, squared
         cost = float((shares[0] * weights[0]).mean())
@@ -99,4 +98,24 @@ def _ascended(grid: DualGrid, frequency: Floats, steps: int) -> tuple[Floats, fl
             noise_weight *= math.exp(RATE * min(float(shares[3].mean()) - 1, 1.5))
         if step < 3:  # begin where penalties and cost are of one size
             unit *= math.sqrt(cost)
+        if step in REFINED:
+            finer = _finer(grid, shares[:3])
+            table = np.array([np.interp(finer, grid.frequency, one) for one in table])
+            grid = replace(grid, frequency=finer)
+            base = low(30, 1.0)
     return found
+
+
+def _of_mean(grid: DualGrid, values: Floats, mean: float) -> Floats:
+    """Values at knots, scaled to a mean over the circle."""
+    return values * mean / (values @ grid.masses)
+
+
+def _finer(grid: DualGrid, shares: Floats) -> Floats:
+    """Knots, and more between two where a response to its ceiling, squared, is uneven: as at a resonance with little damping."""
+    first = np.searchsorted(grid.below, np.arange(len(grid.frequency) - 1))
+    top, bottom = np.maximum.reduceat(shares, first, axis=1), np.minimum.reduceat(shares, first, axis=1)
+    uneven = (top > UNEVEN * np.maximum(bottom, 0.3)).any(axis=0)  # far below its ceiling a response has no weight
+    wide = np.diff(grid.frequency) >= 8 * (grid.omega[1] - grid.omega[0])
+    middles = (grid.frequency[:-1] + grid.frequency[1:]) / 2
+    return np.union1d(grid.frequency, middles[uneven & wide])

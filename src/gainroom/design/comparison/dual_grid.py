@@ -31,20 +31,22 @@ from .exact_joint import ExactJoint
 
 APART = 3.9
 """Steps of the grid that knots of the weights are at least apart: hats of 4 steps, less round-off."""
+ROUND_OFF = 1e-12
+"""Of the terms whose difference is the bound: responses are exact to some 1e-13, and large weights leave nothing else."""
 
 
 @dataclass(frozen=True)
 class DualGrid:
     """Maps in units of their ceilings on half a circle, fixed and free (maps, points), and the hats that weights are made of.
 
-    below, share (points,): the knot below each point, and how far the point is towards the next one, 0 to 1.
+    omega (points,) [rad/s]; frequency (knots,) [rad/s] of the knots; below, share (points,): the knot below each point, and how far the
+    point is towards the next one, 0 to 1.
     """
 
     fixed: Complexes
     free: Complexes
-    below: Integers
-    share: Floats
-    knots: int
+    omega: Floats
+    frequency: Floats
 
     @classmethod
     def of(cls, stabilised: Stabilised, joint: ExactJoint, ceilings: Ceilings, sensor: str, frequency: Floats, points: int) -> "DualGrid":
@@ -52,10 +54,16 @@ class DualGrid:
         maps, noise = stabilised.halves(points), ceilings.noise_of(sensor)
         scaled = [(maps.compliance, 1.0), (maps.sensitivity, 1 / ceilings.peak_sensitivity)]
         scaled += [(maps.complementary, ceilings.delay_weight(omega))] + ([] if noise is None else [(maps.noise[0], noise)])
-        below = np.clip(np.searchsorted(frequency, omega, side="right") - 1, 0, len(frequency) - 2)
-        share = (omega - frequency[below]) / np.diff(frequency)[below]
         fixed, free = np.array([one.fixed * by for one, by in scaled]), np.array([one.free[:, 0] * by for one, by in scaled])
-        return cls(fixed, free, below, share, len(frequency))
+        return cls(fixed, free, omega, frequency)
+
+    @cached_property
+    def below(self) -> Integers:
+        return np.clip(np.searchsorted(self.frequency, self.omega, side="right") - 1, 0, len(self.frequency) - 2)
+
+    @cached_property
+    def share(self) -> Floats:
+        return (self.omega - self.frequency[self.below]) / np.diff(self.frequency)[self.below]
 
     def spread(self, table: Floats) -> Floats:
         """Weights (k, points) of a table (k, knots): linear between knots."""
@@ -71,8 +79,8 @@ class DualGrid:
         return self._gathered(values) / (self.masses * len(self.below))
 
     def _gathered(self, values: Floats) -> Floats:
-        first = np.bincount(self.below, values * (1 - self.share), self.knots)
-        return first + np.bincount(self.below + 1, values * self.share, self.knots)
+        first = np.bincount(self.below, values * (1 - self.share), len(self.frequency))
+        return first + np.bincount(self.below + 1, values * self.share, len(self.frequency))
 
     def all_weights(self, table: Floats, noise_weight: float) -> Floats:
         """Weights of every map (maps, points): those of the table, and of the noise one for all frequencies."""
@@ -83,7 +91,9 @@ class DualGrid:
         """Bound [rad/(N m)] that a table of weights proves."""
         weights = self.all_weights(table, noise_weight)
         least, _ = least_squares(weights, self.fixed, self.free)
-        return math.sqrt(max(least - weights[1:].mean(axis=1).sum(), 0.0) / weights[0].mean())
+        penalties = weights[1:].mean(axis=1).sum()
+        terms = (weights * (self.fixed.real**2 + self.fixed.imag**2)).sum(axis=0).mean() + penalties
+        return math.sqrt(max(least - penalties - ROUND_OFF * terms, 0.0) / weights[0].mean())
 
 
 def least_squares(weights: Floats, fixed: Complexes, free: Complexes) -> tuple[float, Complexes]:
