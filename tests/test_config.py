@@ -166,7 +166,7 @@ def test_only_the_margins_that_are_named_are_required():
             "did you mean motor?",
         ),
         ("  feedback: motor\n", "", "control.feedback is missing", "motor or link"),
-        ("type: pd", "type: lqr", "control.type: 'lqr' must be pd, pid or ppi", ""),
+        ("type: pd", "type: lqr", "control.type: 'lqr' must be pd, pid, ppi, torque_feedback, dob or lti", ""),
         ("  type: pd\n", "", "control.type is missing", ""),
         ("type: pd", "type: ppi", "control.kd is not a gain of type ppi", "kp, kv, ki"),
         ("type: pd", "type: ppi", "control.kd is not a gain of type ppi", "did you mean kv?"),

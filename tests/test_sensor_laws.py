@@ -20,6 +20,7 @@ import gainroom as gr
 from gainroom.analysis.dynamic_stiffness import stiffness_of
 from gainroom.cli import main
 from gainroom.errors import GainroomError
+from gainroom.files.compared_joint import control_section
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.law_section import law_written
 from gainroom.simulation import Friction, Scenario, Step, Testbed, simulate
@@ -478,3 +479,15 @@ def test_robots_have_none_of_these_types(tmp_path: Path, capsys: pytest.CaptureF
     plant = gr.Plant(np.eye(2), np.ones(2), np.full(2, 100.0))
     with pytest.raises(GainroomError, match="the torque of a spring is for single joints"):
         gr.build_loop(plant, gr.Drive(1000.0), TorqueFeedback(1.0, 1.0, 0.1), FEEDBACK)
+
+
+@pytest.mark.parametrize("control", [TORQUE, DOB, LAW])
+def test_what_a_comparison_would_write_is_the_same_controller(control: str) -> None:
+    text = JOINT.replace("CONTROL", control)
+    system: Any = parse_joint(text, "joint.yaml")
+    written = yaml.safe_dump({**yaml.safe_load(text), "control": control_section(system)})
+    again: Any = parse_joint(written, "joint.yaml")
+    assert again.control.feedback == system.control.feedback
+    one, other = gr.margins(system.loop()), gr.margins(again.loop())
+    for name in ("gain_margin", "phase_margin", "peak_sensitivity", "delay_margin"):
+        assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-12, nan_ok=True)

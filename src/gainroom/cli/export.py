@@ -19,7 +19,8 @@ def export(
         Path,
         typer.Argument(
             metavar="GAINS",
-            help="What `gainroom robot --json` or `audit --json` wrote (unsafe gains: those to use instead), or gains that `audit` reads.",
+            help="What `gainroom robot --json` or `audit --json` wrote (unsafe gains: those to use instead), or gains that `audit` reads; "
+            "or a joint.yaml, whose controller goes to c or markdown.",
             show_default=False,
         ),
     ],
@@ -46,12 +47,18 @@ def export(
 
     from .. import __version__
     from ..errors import GainroomError
+    from ..files.file_types import kind_of_file
     from ..files.gain_export import export_gains
     from ..files.gain_files import read_gains
     from ..robot.formats.model_names import locate
 
-    file = read_gains(gains, contact, to_use=True)
-    made = export_gains(file, to, onto, None if model is None else locate(model), __version__, datetime.date.today())
+    if gains.suffix.lower() in (".yaml", ".yml") and gains.exists() and kind_of_file(gains) == "joint":
+        from ..files.law_export import export_law
+
+        made = export_law(gains, to, onto, __version__, datetime.date.today())
+    else:
+        file = read_gains(gains, contact, to_use=True)
+        made = export_gains(file, to, onto, None if model is None else locate(model), __version__, datetime.date.today())
     target = output or onto
     if write and target is None:
         raise GainroomError("--write: needs --output FILE, or --onto FILE")

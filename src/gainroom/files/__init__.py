@@ -2,7 +2,7 @@
 
 One joint       joint_yaml (with its sections; law_section: a law in plain numbers), joint_scenario (what is simulated);
                 identified_joint writes one, identified_section is its record; compare_section (what is compared), compared_joint (a
-                controller that was found, written)
+                controller that was found, written); law_export (a controller as difference equations)
 A robot         robot_yaml reads, robot_sections has its keys, robot_scenario what is simulated; joint_references (joints in files of
                 their own)
 Both            system_sections: motor, drive, control (with the types of controllers), limits, ranges; plausibility; file_types tells
