@@ -55,27 +55,32 @@ class Tried:
     noise: float
 
 
-def tried(joint: ExactJoint, kp: float, kd: float, reserve: float) -> Tried | None:
-    """PD on the motor: peaks of |q/d|, |S| and |T| |1 − e^(−jωτ)|, and rms gain from encoder to torque; None where it is not stable."""
-    space, step = joint.state_space, joint.sample_time
-    a, b, motor = np.eye(len(space.a)) + step * space.a, step * space.b[:, :1], space.c[:1]
-    closed = np.block([[a - b @ ((kp + kd / step) * motor), b * kd / step], [motor, np.zeros((1, 1))]])
-    if np.abs(np.linalg.eigvals(closed)).max() >= 1:
-        return None
-    angles = np.union1d(np.geomspace(1e-4, np.pi, 1200), np.linspace(2e-3, np.pi, 1200))
-    omega = angles / step
-    response = joint.at(omega)
-    law = kp + kd * (1 - np.exp(-1j * angles)) / step
-    sensitivity = 1 / (1 + law * response[:, 0, 0])
-    share = np.abs(1 - sensitivity) * np.where(omega * reserve < np.pi, np.abs(1 - np.exp(-1j * omega * reserve)), 2.0)
-    compliance = response[:, 1, 1] - response[:, 1, 0] * law * sensitivity * response[:, 0, 1]
-    noise = np.sqrt(np.trapezoid(np.abs(law * sensitivity) ** 2, angles) / np.pi)
-    return Tried(np.abs(compliance).max(), np.abs(sensitivity).max(), share.max(), noise)
+class Bench:
+    """A joint on which PDs on the motor are tried."""
 
+    def __init__(self, joint: ExactJoint) -> None:
+        self.joint = joint
+        self.angles = np.union1d(np.geomspace(1e-4, np.pi, 1200), np.linspace(2e-3, np.pi, 1200))
+        self.response = joint.at(self.angles / joint.sample_time)
 
-def random_pd(rng: np.random.Generator, joint: ExactJoint) -> tuple[float, float]:
-    """Gains for 0.3 to 30 rad/s, and further damping, of the joint's whole inertia."""
-    omega = 1e-4 / joint.sample_time
-    inertia = 1 / np.abs(joint.at(np.array([omega]))[0, 0, 0] * omega**2)
-    bandwidth = 0.3 * 100 ** rng.random()
-    return inertia * bandwidth**2, 2 * 0.3 * 20 ** rng.random() * bandwidth * inertia
+    def tried(self, kp: float, kd: float, reserve: float) -> Tried | None:
+        """Peaks of |q/d|, |S| and |T| |1 − e^(−jωτ)|, and rms gain from encoder to torque; None where it is not stable."""
+        step, response = self.joint.sample_time, self.response
+        law = kp + kd * (1 - np.exp(-1j * self.angles)) / step
+        sensitivity = 1 / (1 + law * response[:, 0, 0])
+        space = self.joint.state_space
+        a, b, motor = np.eye(len(space.a)) + step * space.a, step * space.b[:, :1], space.c[:1]
+        closed = np.block([[a - b @ ((kp + kd / step) * motor), b * kd / step], [motor, np.zeros((1, 1))]])
+        if np.abs(np.linalg.eigvals(closed)).max() >= 1:
+            return None
+        turn = self.angles * reserve / step
+        share = np.abs(1 - sensitivity) * np.where(turn < np.pi, np.abs(1 - np.exp(-1j * turn)), 2.0)
+        compliance = response[:, 1, 1] - response[:, 1, 0] * law * sensitivity * response[:, 0, 1]
+        noise = np.sqrt(np.trapezoid(np.abs(law * sensitivity) ** 2, self.angles) / np.pi)
+        return Tried(np.abs(compliance).max(), np.abs(sensitivity).max(), share.max(), noise)
+
+    def random_pd(self, rng: np.random.Generator) -> tuple[float, float]:
+        """Gains for 0.3 to 30 rad/s, and further damping, of the joint's whole inertia."""
+        inertia = 1 / np.abs(self.response[0, 0, 0] * (self.angles[0] / self.joint.sample_time) ** 2)
+        bandwidth = 0.3 * 100 ** rng.random()
+        return inertia * bandwidth**2, 2 * 0.3 * 20 ** rng.random() * bandwidth * inertia

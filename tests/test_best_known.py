@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bounded_joints import CEILINGS, PARAMETERS, exact, random_joint, random_pd, tried
+from bounded_joints import CEILINGS, PARAMETERS, Bench, exact, random_joint
 from gainroom.design.comparison.best_known import BestKnown, best_known
 from gainroom.design.comparison.bound import lower_bound
 from gainroom.design.comparison.ceilings import Ceilings
@@ -68,7 +68,8 @@ def usual_ceilings(rng: np.random.Generator, joint: ExactJoint, delay: float) ->
 
     And the peak compliance of that PD.
     """
-    drawn = (tried(joint, *random_pd(rng, joint), delay / 2) for _ in range(600))
+    bench = Bench(joint)
+    drawn = (bench.tried(*bench.random_pd(rng), delay / 2) for _ in range(600))
     kept = [one for one in drawn if one and one.sensitivity <= 2 and one.delay_share <= 1]
     if not kept:
         return Ceilings(delay / 2), np.inf

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bounded_joints import CEILINGS, PARAMETERS, box, exact, random_joint, random_pd, tried
+from bounded_joints import CEILINGS, PARAMETERS, Bench, box, exact, random_joint
+from gainroom import PD, Drive, ElasticJoint, build_loop
 from gainroom.design.comparison import closed_maps
 from gainroom.design.comparison.bound import box_bound, lower_bound
 from gainroom.design.comparison.ceilings import Ceilings
@@ -60,7 +61,8 @@ def test_no_weights_prove_more_than_a_pd_reaches(seed: int):
     rng = np.random.default_rng(seed)
     joint, delay = random_joint(rng)
     reserve = rng.choice([0.1, 0.5, 1.0]) * delay
-    found = next(one for one in (tried(joint, *random_pd(rng, joint), reserve) for _ in range(3000)) if one and one.delay_share < 1)
+    bench = Bench(joint)
+    found = next(one for one in (bench.tried(*bench.random_pd(rng), reserve) for _ in range(3000)) if one and one.delay_share < 1)
     ceilings = Ceilings(reserve, max(found.sensitivity, 1.0) * 1.001, 1.001 * found.noise, {"motor": 1.0})  # 1.001: grids of the PD's peaks
     half_rate = math.pi / joint.sample_time
     frequency = np.concatenate([[0.0], np.geomspace(8 * half_rate / POINTS, half_rate, 100)])
@@ -145,11 +147,11 @@ def test_one_unstable_pole_behind_dead_time(pole: float, ticks: int):
 def test_closed_maps_are_those_of_the_controller_that_they_make():
     """S, T, torque noise and compliance of a random Q against the open responses closed with its own controller."""
     rng = np.random.default_rng(4)
+    angles = math.pi * (np.arange(POINTS) + 0.5) / POINTS
     for sensors in (("motor",), ("link",), ("motor", "torque")):
         joint = exact(*PARAMETERS["fig9"])
-        angles = np.linspace(0.01, 3.1, 60)
-        maps = Stabilised.of(joint, sensors).at(angles)
-        q = rng.normal(size=(60, len(sensors))) * 1e3
+        maps = Stabilised.of(joint, sensors).halves(POINTS)
+        q = rng.normal(size=(POINTS, len(sensors))) * 1e3
         s = maps.sensitivity.of(q)
         law = np.array([noise.of(q) / s for noise in maps.noise]).T
         response = joint.at(angles / joint.sample_time)
@@ -242,6 +244,28 @@ def test_a_torque_sensor_alone_stabilises_nothing():
 def test_a_link_encoder_alone_has_a_bound(bounds):
     ceilings = replace(CEILINGS["fig9"], sensor_noise={"link": 7.67e-6 / math.sqrt(12)})
     assert lower_bound(exact(*PARAMETERS["fig9"]), ceilings, "link").value > 0
+
+
+OTHERS = [
+    (ElasticJoint(1.0, 16.0, math.inf), Drive(4000.0, 0.9, 2e-3), 5e-4),
+    (ElasticJoint(1.0, 16.0, 1e4, 1.0), Drive(), 5e-4),  # ideal current loop, no delay
+    (ElasticJoint(1.0, 16.0, 1e4, 1.0), Drive(4000.0, 0.9, 2e-3), 1e-4),
+    (ElasticJoint(1.0, 16.0, 1e4, 1.0), Drive(4000.0, 0.9, 4e-3), 4e-3),
+    (ElasticJoint(1.0, 16.0, 1e4, 0.0), Drive(4000.0, 0.9, 10e-3), 5e-4),  # no damping at all
+]
+
+
+@pytest.mark.parametrize(("joint", "drive", "step"), OTHERS)
+def test_joints_of_other_kinds_have_bounds(joint: ElasticJoint, drive: Drive, step: float):
+    """Rigid, without delay, at other rates, undamped: agreed on both grids, and not above what a soft PD with its ceilings reaches."""
+    exact_joint = ExactJoint.of(build_loop(joint, drive, PD(1.0, 1.0), sample_time=step).parts)
+    kp, kd = 40.0, 40.0
+    found = Bench(exact_joint).tried(kp, kd, 1e-3)
+    assert found is not None
+    ceilings = Ceilings(1e-3, 1.001 * max(found.sensitivity, 1.01), 1.001 * found.noise, {"motor": 1.0})
+    bound = lower_bound(exact_joint, ceilings)
+    assert 0 < bound.value <= 1.001 * found.peak
+    assert found.delay_share <= 1
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins
-from ..design.comparison.bound import lower_bound
+from ..design.comparison.bound import box_bound
 from ..design.comparison.catalogue import USUAL, starts_from, structure_of
 from ..design.comparison.ceilings import Ceilings
 from ..design.comparison.certificate import Certificate
@@ -233,9 +233,8 @@ def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
         plain = Parts(one.source.linearize(), one.drives, PD(0.0, 0.0), feedback_of("motor", PD), one.control.sample_time)
         return ExactJoint.of(plain)
 
-    jobs = [lambda checkpoint, place=place: lower_bound(joint(place), ceilings, sensor) for place in corner_places(system)]
     try:
-        best = max(in_parallel(jobs, steps.checkpoint), key=lambda one: one.value)
+        best = box_bound([joint(place) for place in corner_places(system)], ceilings, sensor, steps.checkpoint)
     except GainroomError as error:
         return replace(found, unbounded=str(error))
     return replace(found, bound=best.value, certificate=best.certificate)

@@ -60,7 +60,7 @@ def best_known(joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...] =
         q, peak = programme.solved(held)
         beyond = np.unique(np.concatenate([*programme.exceeded(q, peak)]))
         if not len(beyond):
-            return programme.judged(joint, ceilings, sensors, q)
+            return programme.judged(ceilings, sensors, q)
         held = np.union1d(held, beyond)
     raise GainroomError(f"no controller on {' and '.join(sensors)} was found that keeps the ceilings between {len(held)} frequencies")
 
@@ -149,7 +149,8 @@ class _Programme:
             top = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:]) & (size[1:-1] > most)
             yield np.flatnonzero(top)
 
-    def judged(self, joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...], q: Complexes) -> BestKnown:
+    def judged(self, ceilings: Ceilings, sensors: tuple[str, ...], q: Complexes) -> BestKnown:
+        """The controller that Q makes, and what it reaches at POINTS frequencies."""
         maps = self.maps
         sensitivity = maps.sensitivity.of(q)
         torques = [one.of(q) for one in maps.noise]

@@ -1,12 +1,13 @@
 """A peak of the link's compliance below which no linear controller on one sensor comes: weights that ascend, and their certificate."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...system.linear.arrays import Floats
+from ..parallel import in_parallel
 from .ceilings import Ceilings
 from .certificate import Certificate
 from .closed_maps import Stabilised
@@ -49,9 +50,12 @@ def lower_bound(joint: ExactJoint, ceilings: Ceilings, sensor: str = "motor", st
     return Bound(value, replace(unclaimed, value=value), (points, 2 * points), unclaimed.agreement)
 
 
-def box_bound(joints: Sequence[ExactJoint], ceilings: Ceilings, sensor: str = "motor") -> Bound:
+def box_bound(
+    joints: Sequence[ExactJoint], ceilings: Ceilings, sensor: str = "motor", checkpoint: Callable[[], None] = lambda: None
+) -> Bound:
     """Largest of the joints' bounds: one controller for all of them is a controller for each, and its worst peak is no lower."""
-    return max((lower_bound(joint, ceilings, sensor) for joint in joints), key=lambda bound: bound.value)
+    jobs = [lambda checkpoint, joint=joint: lower_bound(joint, ceilings, sensor) for joint in joints]
+    return max(in_parallel(jobs, checkpoint), key=lambda bound: bound.value)
 
 
 def _short(values: Floats) -> Floats:

@@ -86,10 +86,6 @@ class Stabilised:
         """Maps at the angles π (k + ½)/points, k = 0 … points − 1: middles of equal parts of the upper half circle."""
         return self._maps(_on_halves(self.forward, points), _on_halves(self.observed, points))
 
-    def at(self, angles: Floats) -> ClosedMaps:
-        """Maps at z = e^(j angle), angles (k,)."""
-        return self._maps(_on_circle(self.forward, angles), _on_circle(self.observed, angles))
-
     def _maps(self, forward: Complexes, observed: Complexes) -> ClosedMaps:
         """Formulas of the module's docstring; responses (k, outputs, inputs)."""
         m = 1 - forward[:, 0, COMMAND]
@@ -130,11 +126,6 @@ def _on_halves(impulses: Floats, points: int) -> Complexes:
     padded = np.zeros((*impulses.shape[1:], points))
     padded[..., : len(impulses)] = np.moveaxis(impulses, 0, -1)
     return np.moveaxis((cosines(padded, 3) + padded[..., :1]) / 2 - 0.5j * sines(later(padded), 3), -1, 0)
-
-
-def _on_circle(impulses: Floats, angles: Floats) -> Complexes:
-    turned = np.exp(-1j * np.outer(angles, np.arange(len(impulses))))
-    return (turned @ impulses.reshape(len(impulses), -1)).reshape(len(angles), *impulses.shape[1:])
 
 
 def cosines(values: Floats, kind: int) -> Floats:
