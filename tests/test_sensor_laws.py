@@ -240,6 +240,25 @@ def test_torque_feedback_without_its_torque_gains_is_a_pd() -> None:
         assert getattr(found, name) == pytest.approx(getattr(plain, name), rel=1e-9)
 
 
+def test_filters_shape_torque_feedback() -> None:
+    """A biquad on the whole torque, and the velocity's low-pass on velocity and torque, each by Tustin's rule."""
+    law = TorqueFeedback(1500.0, 120.0, -0.2, 0.001, velocity_filter=gr.LowPass(800.0), biquads=(gr.Biquad(160, 0.15, 420, 0.6),))
+    loop = gr.build_loop(*FIG9.parts, law, FEEDBACK, TICK)
+    omega = np.geomspace(1.0, 6000.0, 500)
+    z = np.exp(1j * omega * TICK)
+
+    def mapped(above: list[float], below: list[float], kept: float) -> np.ndarray:
+        s = kept / math.tan(kept * TICK / 2) * (z - 1) / (z + 1)
+        return np.polyval(above, s) / np.polyval(below, s)
+
+    plant, rate, low = responses(FIG9, z), (1 - 1 / z) / TICK, mapped([800.0], [1.0, 800.0], 800.0)
+    shaped = mapped([1 / 160**2, 0.3 / 160, 1.0], [1 / 420**2, 1.2 / 420, 1.0], 420.0)
+    ratio = shaped * ((1500 + 120 * rate * low) * plant[:, 0, 0] + low * (-0.2 + 0.001 * rate) * plant[:, 2, 0])
+    assert loop.response(omega) == pytest.approx(ratio, rel=1e-8)
+    assert loop.open_loop is not None
+    assert loop.open_loop.at(loop.variable(1j * omega))[:, 0, 0] == pytest.approx(ratio, rel=1e-8)
+
+
 def test_in_continuous_time_torque_feedback_has_the_response_of_the_equations() -> None:
     arm = FIG9
     omega = np.geomspace(0.01, 1e4, 2000)

@@ -29,7 +29,14 @@ if TYPE_CHECKING:
     from .studies.joint import JointStudy as JointStudy, study_joint as study_joint
     from .studies.sweep.store import open_sweep as open_sweep
     from .system.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
-    from .system.controller import PD as PD, PID as PID, PPI as PPI, Compensator as Compensator
+    from .system.controller import (
+        PD as PD,
+        PID as PID,
+        PPI as PPI,
+        Compensator as Compensator,
+        DisturbanceObserver as DisturbanceObserver,
+        TorqueFeedback as TorqueFeedback,
+    )
     from .system.drive import Drive as Drive
     from .system.elastic_joint import ElasticJoint as ElasticJoint
     from .system.filters import Biquad as Biquad, LowPass as LowPass, Notch as Notch
@@ -49,7 +56,7 @@ _HOME = {
     "system.elastic_joint": ("ElasticJoint",),
     "system.plant": ("Plant", "Compliance"),
     "system.drive": ("Drive",),
-    "system.controller": ("PD", "PID", "PPI", "Compensator"),
+    "system.controller": ("PD", "PID", "PPI", "TorqueFeedback", "DisturbanceObserver", "Compensator"),
     "system.filters": ("Biquad", "LowPass", "Notch"),
     "system.gain_path": ("GainPath",),
     "system.loop": ("Loop", "build_loop", "loop_from"),

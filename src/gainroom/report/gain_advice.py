@@ -121,7 +121,7 @@ def joint_to_use(study: "JointStudy", call: str = "gainroom joint FILE") -> ToUs
 def _joint_gains(study: "JointStudy", call: str) -> ToUse:
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     present = study.system.control.controller
-    if best is None or (not present.has_plane and study.requirements_met):  # the recommended gains are of a plain PD
+    if best is None or (not present.has_plane and study.requirements_met is not False):  # the recommended gains are of a plain PD
         return NOTHING
     lines = _beside(best.controller, present)
     remarks = _over_ranges(best)
