@@ -17,7 +17,7 @@ from scipy import signal
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.export_forms import pasted_gains
-from gainroom.files.gain_files import parse_file
+from gainroom.files.gain_files import gains_of, parse_file
 from gainroom.files.gain_formats.gain_record import Gain
 from refusals import assert_refused
 
@@ -284,3 +284,65 @@ def test_c_header_that_was_broken_is_refused(folder: Path, capsys: pytest.Captur
 )
 def test_markdown_without_gains_is_refused(text: str, words: list[str]):
     assert_refused(lambda: parse_file(text, Path("out.md")), ["out.md", *words])
+
+
+JOINT = """\
+joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 1.0e4, damping: 1}
+drive: {bandwidth: 4000.0, delay_ms: 2.5}
+control: {type: pid, kp: 2000, ki: 30, kd: 170, feedback: link, sample_rate_hz: 2000,
+  biquads: [{zero_frequency: 160, zero_damping: 0.15, pole_frequency: 420, pole_damping: 0.6}]}
+limits: {gain_margin_db: 6.0, phase_margin_deg: 30.0, peak_sensitivity: 2.2}
+"""
+
+
+@pytest.mark.parametrize("form", ["ros2_control", "yaml"])
+def test_a_joint_yaml_is_exported_with_its_filters(folder: Path, capsys: pytest.CaptureFixture[str], form: str):
+    (folder / "knee.yaml").write_text(JOINT, "utf-8")
+    target = FORMS.get(form, "out.yaml")
+    said = exported(capsys, form, "knee.yaml", target)
+    found = parse_file(said["text"], Path(target))
+    gains = gains_of(found, ("knee",))
+    assert [float(getattr(gains, key)[0]) for key in ("kp", "ki", "kd")] == [2000.0, 30.0, 170.0]
+    control = yaml.safe_load(JOINT)["control"]
+    assert found.origin.system["control"] == {"feedback": "link", "biquads": control["biquads"]}
+    assert found.origin.sample_rate_hz == 2000.0
+    assert "delay: 2.5 ms; controller at 2000 Hz" in said["text"]
+    assert said["audit_with"][-2:] == ["--require", "peak_sensitivity=2.2"]
+
+
+def test_kd_on_the_drive_goes_along(folder: Path, capsys: pytest.CaptureFixture[str]):
+    path = "2000, kd_path: {delay_ms: 0.1, sample_rate_hz: 8000},"
+    split = JOINT.replace("pid, kp: 2000, ki: 30", "pd, kp: 2000").replace("2000,\n", f"{path}\n")
+    (folder / "knee.yaml").write_text(split, "utf-8")
+    found = parse_file(exported(capsys, "yaml", "knee.yaml", "out.yaml")["text"], Path("out.yaml")).origin
+    assert (found.gains_run, found.drive_rate_hz, found.sample_rate_hz) == ("split", 8000.0, 2000.0)
+    assert found.drive_delay_ms == pytest.approx(0.1, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "pid, kp: 2000, ki: 30, kd: 170",
+            "ppi, kp: 20, kv: 170, ki: 0",
+            "control.type: ppi has other gains than this form holds",
+        ),
+        (
+            "feedback: link",
+            "feedback: {kp: link, kd: motor, ki: link}",
+            "control.feedback: this form holds gains on one encoder",
+        ),
+        ("link_inertia: 16.0", "link_inertia: -16.0", "joint.link_inertia: -16.0 must be > 0"),
+        ("kp: 2000, ki: 30, kd: 170, ", "", "control.kp"),
+    ],
+)
+def test_a_joint_yaml_whose_gains_have_no_place_is_refused(folder: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, says: str):
+    assert old in JOINT
+    (folder / "knee.yaml").write_text(JOINT.replace(old, new), "utf-8")
+    assert main(["export", "knee.yaml", "--to", "ros2_control"]) == 2
+    assert f"knee.yaml: {says}" in capsys.readouterr().err
+
+
+def test_an_audit_sends_a_joint_yaml_to_its_command(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "knee.yaml").write_text(JOINT, "utf-8")
+    assert_refused(lambda: parse_file(JOINT, Path("knee.yaml")), ["knee.yaml", "must be a file of gains", "gainroom joint knee.yaml"])

@@ -98,8 +98,7 @@ def test_c_closes_the_loop_as_the_simulation(control: str, tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("call", "problem"),
     [
-        (["--to", "mjcf"], "--to mjcf: of the controller of one joint there are c and markdown; mjcf is for files of gains"),
-        (["--to", "fortran"], "--to fortran: of the controller of one joint there are c and markdown"),
+        (["--to", "mjcf"], "control.type: torque_feedback has other gains than this form holds; c and markdown hold any type"),
         (["--to", "c", "--onto", "robot.xml"], "--onto robot.xml: the controller of one joint is written as a whole; give --output"),
     ],
 )

@@ -20,7 +20,7 @@ def export(
         typer.Argument(
             metavar="GAINS",
             help="What `gainroom robot --json` or `audit --json` wrote (unsafe gains: those to use instead), or gains that `audit` reads; "
-            "or a joint.yaml, whose controller goes to c or markdown.",
+            "or a joint.yaml, whose controller of any type goes to c or markdown, and gains of a PD or PID to all forms.",
             show_default=False,
         ),
     ],
@@ -50,11 +50,10 @@ def export(
     from ..files.file_types import kind_of_file
     from ..files.gain_export import export_gains
     from ..files.gain_files import read_gains
+    from ..files.law_export import LAW_FORMS, export_law
     from ..robot.formats.model_names import locate
 
-    if gains.suffix.lower() in (".yaml", ".yml") and gains.exists() and kind_of_file(gains) == "joint":
-        from ..files.law_export import export_law
-
+    if to in LAW_FORMS and gains.suffix.lower() in (".yaml", ".yml") and gains.exists() and kind_of_file(gains) == "joint":
         made = export_law(gains, to, onto, __version__, datetime.date.today())
     else:
         file = read_gains(gains, contact, to_use=True)

@@ -75,7 +75,8 @@ def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
     NAME is one of several robots in a Python file, or the keys that lead to one of several sets in a YAML or JSON file.
 
     contact   of the sets that gainroom robot recommends the one for this contact state, not the one that is safe in all
-    to_use    of what gainroom audit wrote of unsafe gains those to use in their place, not those that were audited
+    to_use    for export: of what gainroom audit wrote of unsafe gains those to use in their place, not those that were audited; and a
+              joint.yaml has gains, too
 
     Raises GainroomError, one line that names the file, the key or the line, the value and what is allowed.
     """
@@ -119,7 +120,7 @@ def _parsed(text: str, path: Path, contact: str, to_use: bool) -> GainFile:
         return read_dump(text, str(path))
     if ending in (*C_CODE, *TEXT):
         return read_array_text(text, str(path), ending in C_CODE)
-    return parse_gains(_as_yaml(text, str(path)), str(path))
+    return parse_gains(_as_yaml(text, str(path)), str(path), to_use=to_use)
 
 
 def _as_yaml(text: str, source: str) -> str:
@@ -127,13 +128,17 @@ def _as_yaml(text: str, source: str) -> str:
     return text.replace("\t", " ") if source.lower().endswith(".json") else text
 
 
-def parse_gains(text: str, source: str, chosen: str = "") -> GainFile:
+def parse_gains(text: str, source: str, chosen: str = "", to_use: bool = False) -> GainFile:
     """Gains in YAML or JSON text, which messages call `source`; otherwise as read_gains."""
     with Together() as together:
         data = parse_yaml(text, source, of_others=True, together=together)
         if not isinstance(data, dict):
             raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
         if "drive" in data and (found := kind_of(data)) != "other":
+            if found == "joint" and to_use:
+                from .joint_gains import joint_gains  # loads what judges a joint
+
+                return joint_gains(text, data, source)
             raise wrong_kind(source, "file of gains", found)
         if "gains" in data and not data["gains"]:
             raise GainroomError(f"{source}: gains: is empty; must hold joint or pattern → {{kp, kd}}, one or more")

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError, listed, printable
+from ..errors import GainroomError, printable
 from ..system.feedback import Sensor
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import Factored
-from .export_forms import FORMS
+from .export_forms.c_header import STEP
 from .export_forms.form import number_text
 from .gain_export import Export
 from .joint_yaml import load_joint
@@ -25,16 +25,6 @@ SEEN: dict[Sensor, str] = {
     "link": "wanted minus measured position of the link [rad]",
     "torque": "minus the measured torque of the spring [N m]",
 }
-STEP = """\
-/* One step of y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y''; c: b0, b1, b2, a1, a2; m: memory. */
-static inline double gainroom_section(const double c[5], double m[2], double x)
-{
-    const double y = c[0] * x + m[0];
-    m[0] = c[1] * x - c[3] * y + m[1];
-    m[1] = c[2] * x - c[4] * y;
-    return y;
-}
-"""
 
 
 @dataclass(frozen=True)
@@ -54,11 +44,8 @@ class ExportedLaw:
 def export_law(path: Path, form: str, onto: Path | None, version: str, today: datetime.date) -> Export:
     """Export of the controller of the joint.yaml at `path` in one of LAW_FORMS.
 
-    Raises GainroomError for another form, for an existing file, and for a controller in continuous time.
+    Raises GainroomError for an existing file, and for a controller in continuous time.
     """
-    if form not in LAW_FORMS:
-        others = f"; {form} is for files of gains" if form in FORMS else ""
-        raise GainroomError(f"--to {form}: of the controller of one joint there are {listed([*LAW_FORMS])}{others}")
     if onto is not None:
         raise GainroomError(f"--onto {onto}: the controller of one joint is written as a whole; give --output")
     system = load_joint(path)
@@ -125,12 +112,12 @@ def _c_header(law: ExportedLaw, header: Sequence[str]) -> str:
     )
     members = "".join(f"    double {sensor}[{len(rows)}][2];\n" for sensor, rows in law.sections.items())
     arguments = ", ".join(f"double {sensor}" for sensor in law.sections)
-    step = "    for (int k = 0; k < {1}; k++)\n        {0} = gainroom_section(gainroom_{0}[k], state->{0}[k], {0});\n"
+    step = "    for (int k = 0; k < {1}; k++)\n        {0} = gainroom_filter(gainroom_{0}[k], state->{0}[k], {0});\n"
     body = "".join(step.format(sensor, len(rows)) for sensor, rows in law.sections.items())
     meant = "".join(f" * {sensor}: {SEEN[sensor]}\n" for sensor in law.sections)
     return (
         f"/*\n{said} */\n#ifndef GAINROOM_LAW_H\n#define GAINROOM_LAW_H\n\n"
-        f"static const double gainroom_sample_time = {number_text(law.sample_time)}; /* [s] */\n{arrays}\n{STEP}\n"
+        f"static const double gainroom_sample_time = {number_text(law.sample_time)}; /* [s] */\n{arrays}{STEP}\n"
         f"/* What the controller remembers: all zero at the start, with the wanted position at the measured one. */\n"
         f"typedef struct {{\n{members}}} gainroom_state;\n\n"
         f"/*\n * Torque command [N m] on the joint side; once in each sample time, in double precision.\n{meant} */\n"

@@ -246,6 +246,14 @@ OneSide = Annotated[Literal["motor", "link"], BeforeValidator(_one_side)]
 Types = dict[str, type[Controller]]
 
 
+class KindSection(Section):
+    """Kind of a controller, what it measures and how often."""
+
+    type: str = Field(description="the kind of controller")
+    feedback: OneSide = Field(description="the side of the gearbox that the encoder is on, motor or link")
+    sample_rate_hz: SampleRate | None = None
+
+
 class FiltersSection(Section):
     """Filters of a controller."""
 
@@ -271,7 +279,7 @@ class FiltersSection(Section):
                         together.step(lambda one=section, key=key, at=place: one.require_below(key, at, min(nyquist, velocity)))
 
 
-class ControlSection(FiltersSection):
+class ControlSection(FiltersSection, KindSection):
     """Section `control`: its type, the side of its encoders, its filters; `control_section` adds the gains of all types."""
 
     ALLOWED: ClassVar[str] = ""
@@ -279,9 +287,6 @@ class ControlSection(FiltersSection):
     ONE_JOINT: ClassVar[bool] = False
     """True: of a single joint, which has types of its own."""
 
-    type: str = Field(description="the kind of controller")
-    feedback: OneSide = Field(description="the side of the gearbox that the encoder is on, motor or link")
-    sample_rate_hz: SampleRate | None = None
     kd_path: GainPathSection | None = None
 
     @classmethod
