@@ -70,7 +70,7 @@ def compare(
             found = compared(given, keys, settings=settings, bound=bound, progress=progress)
         row = None if joint is None else _taken(found, taken)
         call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint": write}
-        shown = ComparisonPresentation(found, given, str(file), assumption(given, settings), row, call=call, files=files)
+        shown = ComparisonPresentation(found, given, settings, str(file), assumption(given, settings), row, call=call, files=files)
         present(shown, as_json, verbose)
         if page is not None:
             from ..report.comparison import comparison_page

@@ -69,7 +69,7 @@ def comparison_page(shown: ComparisonPresentation, command: str) -> str:
             "Inputs and assumptions",
             [
                 facts([*machine(given), ("box", uncertainty_text(found.system))]),
-                *map(paragraph, (ceilings_text(found, given), *shown.assumed)),
+                *map(paragraph, (ceilings_text(shown), *shown.assumed)),
                 assumptions("Linear two-mass joint", given.control),
             ],
             "what was read, what every structure was held to",
@@ -200,7 +200,7 @@ def compliance(found: Comparison) -> Html:
         top = max(top, 1e3 * float(size.max()))
     for _, omega, size in known:
         drawn = omega[1e3 * size > LOWEST * top]
-        ends = [min(ends[0], float(omega[int(np.argmax(size))]) / BEFORE), max(ends[1], float(drawn.max()))]
+        ends = [min(ends[0], max(float(omega[0]), float(omega[int(np.argmax(size))]) / BEFORE)), max(ends[1], float(drawn.max()))]
     shapes: list[dict[str, Any]] = []
     notes = []
     if found.bound is not None and found.objective.is_peak:

@@ -9,7 +9,7 @@ from typing import Any
 from ..design.comparison.objective import Objective
 from ..errors import listed
 from ..files.compared_joint import control_section, plain
-from ..studies.comparison import SHARE, Comparison, Row
+from ..studies.comparison import Comparison, ComparisonSettings, Row
 from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import Column, facts
@@ -98,7 +98,9 @@ def _verdict(found: Comparison) -> str:
         return f"PD does not hold the box: {pd.broken}."
     moves, much = _moves(found, pd), SMALL[found.objective.name][2]
     if best is None or best.worst >= pd.worst:
-        return f"{'Leave PD: nothing else here on the same encoder and host is better.' if best else ''} {moves}".strip()
+        others = [row for row in found.rows if row is not pd and (row.sensors, row.where) == (pd.sensors, pd.where)]
+        why = "is better" if best is not None else "holds the box"
+        return f"Leave PD: nothing else here on the same encoder and host {why}. {moves}" if others else moves
     name, more = name_of(best.structure), times(found, best.worst)
     if found.leave_pd:
         return f"Leave PD: the best here on the same encoder and host, {name}, is only {digits(more, '×', 3)} {much}. {moves}"
@@ -253,16 +255,19 @@ def broken_texts(found: Comparison) -> list[str]:
     return [f"{name_of(row.structure)} does not hold the box: {row.broken}." for row in found.rows if not row.holds]
 
 
-def ceilings_text(found: Comparison, given: System) -> str:
-    """What every structure was held to, and where that comes from; `given`: the joint as its file describes it."""
+def ceilings_text(shown: "ComparisonPresentation") -> str:
+    """What every structure was held to, and where that comes from."""
+    found, given, settings = shown.found, shown.given, shown.settings
     ceilings, usual = found.ceilings, Requirements.usual().peak_sensitivity
-    parts = [f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'usual' if ceilings.peak_sensitivity == usual else 'limits'})"]
-    half = math.isclose(ceilings.delay_reserve, SHARE * given.delay)
-    parts.append(f"delay reserve ≥ {digits(1e3 * ceilings.delay_reserve, 'ms', 3)} ({'half of the delay' if half else 'as asked'})")
+    reserve = "half of the delay" if settings.delay_reserve is None else "as asked"
+    parts = [
+        f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'usual' if ceilings.peak_sensitivity == usual else 'limits'})",
+        f"delay reserve ≥ {digits(1e3 * ceilings.delay_reserve, 'ms', 3)} ({reserve})",
+    ]
     if ceilings.torque_noise is not None:
-        pd = pd_row(found)
-        needed = pd is not None and math.isclose(ceilings.torque_noise, pd.noise, rel_tol=1e-6)
-        parts.append(f"torque noise ≤ {digits(ceilings.torque_noise, 'N·m', 3)} rms ({'what the best PD makes' if needed else 'as asked'})")
+        asked = settings.torque_noise is not None or "torque_noise" in given.requirements.asked
+        noise = digits(ceilings.torque_noise, "N·m", 3)
+        parts.append(f"torque noise ≤ {noise} rms ({'as asked' if asked else 'what the best PD makes'})")
     boxed = "the file's" if given.uncertainty.names else "usual"
     return f"Held to, everywhere in the box: {', '.join(parts)}. Box ({boxed}): {uncertainty_text(found.system)}."
 
@@ -272,13 +277,15 @@ class ComparisonPresentation(Presentation):
     """Presentation of a comparison.
 
     given     the joint as its file describes it
-    file      its name
+    settings  what was asked
+    file      name of the file
     assumed   what was assumed where the file says nothing
-    written   file with the controller of `taken`; None: none was asked for
+    taken     row whose controller is written; None: none
     """
 
     found: Comparison
     given: System
+    settings: ComparisonSettings
     file: str = "joint.yaml"
     assumed: Sequence[str] = ()
     taken: Row | None = None
@@ -329,7 +336,7 @@ class ComparisonPresentation(Presentation):
             *broken_texts(found),
             "",
             TextTable.of(capital(model), TABLE if verbose else SHORT, lines(found), ("reserve", "nominal", "Ms")),
-            ceilings_text(found, self.given),
+            ceilings_text(self),
             *do_this(self.advice),
             *closing(self.files, assumed=self.assumed, notes=unsure(found)),
         ]

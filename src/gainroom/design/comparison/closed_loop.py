@@ -122,6 +122,17 @@ class Merits:
         return np.where(self.stable, self.objective + PRICE * np.maximum(self.excess + reserve, 0.0), UNSTABLE)
 
 
+def _as_many(grids: list[Floats]) -> list[Floats]:
+    """Grids (m,) with as many frequencies each: shorter ones, of joints with other delays, get more in the middle of their widest steps."""
+    most, found = max(map(len, grids)), []
+    for grid in grids:
+        while len(grid) < most:
+            widest = np.argsort(-np.diff(np.log(grid)))[: most - len(grid)]
+            grid = np.sort(np.concatenate([grid, np.sqrt(grid[widest] * grid[widest + 1])]))
+        found.append(grid)
+    return found
+
+
 class Corners:
     """Sampled joints at all corners at which a structure's parameters are judged.
 
@@ -132,7 +143,7 @@ class Corners:
 
     def __init__(self, structure: Structure, joints: Sequence[Joint], ceilings: Ceilings, objective: Objective, density: float) -> None:
         self.structure, self.joints, self.ceilings, self.objective, self.density = structure, list(joints), ceilings, objective, density
-        self.omega = np.stack([joint.grid(density) for joint in joints])
+        self.omega = np.stack(_as_many([joint.grid(density) for joint in joints]))
         self.rows = np.repeat(np.arange(len(joints)), self.omega.shape[1])
         self.every = responses(joints, self.omega.ravel(), self.rows)
         size = self.omega.shape[1]

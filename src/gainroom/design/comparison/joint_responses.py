@@ -93,7 +93,7 @@ class Joint:
         return math.pi / min(self.sample_times.values())
 
     def grid(self, density: float = 1.0) -> Floats:
-        """Frequencies (m,) [rad/s], rising: over all decades, closer about resonance and antiresonance; m depends on `density` alone."""
+        """Frequencies (m,) [rad/s], rising: over all decades, closer about resonance and antiresonance."""
         joint = self.system.source
         corners = [one for one in (joint.antiresonance, joint.resonance) if math.isfinite(one)]
         low = LOWEST * min([1 / self.system.lag, *corners])
