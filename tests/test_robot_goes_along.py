@@ -51,7 +51,13 @@ KINDS: dict[str, dict[str, Any]] = {
     "current loops and delays joint by joint": {"joints": {"knee": {"bandwidth": 300, "delay_ms": 3}, "toe": {"delay_ms": 0.5}}},
     "friction of motors": {"joints": {"hip": {"motor_viscous": 2.0}}},
     "encoders on the links": {"control": {"feedback": "link"}, "joints": {"default": {"stiffness": 20000, "damping": 40}}},
-    "filters": {"control": {"velocity_filter": {"bandwidth_hz": 40, "order": 2}, "notches": [{"frequency_hz": 90}]}},
+    "filters": {
+        "control": {
+            "velocity_filter": {"bandwidth_hz": 40, "order": 2},
+            "notches": [{"frequency_hz": 90}],
+            "biquads": [{"zero_frequency_hz": 20, "zero_damping": 0.7, "pole_frequency_hz": 30, "pole_damping": 0.8}],
+        }
+    },
     "a payload": {"model": {"payload": {"frame": "toes", "mass": 2.0}}},
     "a joint without a motor": {"joints": {"passive": ["toe"]}},
     "a joint that is locked": {"joints": {"locked": ["toe"]}, "postures": BENT},
@@ -243,7 +249,7 @@ def test_what_is_typed_by_name_wins_over_a_file(folder: Path, capsys: pytest.Cap
     ("system", "says"),
     [
         ({"control": {"feedback": "far"}}, "system.control.feedback: 'far'"),
-        ({"control": {"kp": 3}}, "system.control.kp: must be one of feedback, velocity_filter, notches"),
+        ({"control": {"kp": 3}}, "system.control.kp: must be one of feedback, velocity_filter, notches, biquads"),
         ({"postures": {"bent": {"hip": "far"}}}, "system.postures.bent"),
         ({"limits": {}}, "system.limits: must be one of model, joints"),
         ([1], "system: "),
