@@ -147,9 +147,9 @@ def test_a_person_reads_the_verdict_first(joint: Path, capsys):
     [
         (
             ("--structures", "pd,spilt"),
-            "--structures: structure 'spilt' must be one of pd, pid, ppi, split; the nearest is split",
+            "--structures: structure 'spilt' must be one of pd, pid, ppi, dob, split, torque_feedback, observer; the nearest is split",
         ),
-        (("--structures", "pd+lead"), "--structures: structure 'pd+lead': 'lead' must be biquad, 2biquads or drive"),
+        (("--structures", "pd+lead"), "--structures: structure 'pd+lead': 'lead' must be biquad or 2biquads"),
         (("--noise", "-1"), "--noise: torque noise -1 N·m must be a number > 0"),
         (("--noise", "loud"), "'loud' must be a number in N·m, without the unit"),
         (("--objective", "stiffness"), "--objective stiffness: must be dynamic_stiffness, white_load or step_load"),

@@ -4,14 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 import gainroom as gr
 from compared_joints import bench, ceilings, fig9, knee, nominal
 from gainroom.design.comparison.catalogue import structure_of
 from gainroom.design.comparison.closed_loop import curves, is_stable
+from gainroom.design.comparison.observers import riccati
 from gainroom.errors import GainroomError
 
-KEYS = ("pd", "pid", "pd+biquad", "pid+2biquads")
+KEYS = ("pd", "pid", "pd+biquad", "pid+2biquads", "torque_feedback", "dob", "observer")
 
 
 def random_vectors(key, count, seed):
@@ -44,7 +46,8 @@ def test_turns_count_what_roots_count(key):
     turned = is_stable(structure, x, joint, omega, found.returned)
     exact = np.array([gr.is_stable(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()) for one in x])
     clear = 2 * found.sensitivity.max(axis=1) < 10
-    assert 5 < np.count_nonzero(clear & exact) < np.count_nonzero(clear) - 5
+    assert np.count_nonzero(clear) > 5
+    assert key in ("torque_feedback", "observer") or 5 < np.count_nonzero(clear & exact) < np.count_nonzero(clear) - 5
     np.testing.assert_array_equal(turned[clear], exact[clear])
 
 
@@ -74,7 +77,7 @@ def test_two_runs_find_the_same():
     ("entry", "words"),
     [
         ("pdd", "the nearest is pd"),
-        ({"pd": {"biquad": 1}}, "must be biquads or drive"),
+        ({"pd": {"biquad": 1}}, "must be biquads"),
         ({"pd": {"biquads": 9}}, "from 0 to 3"),
         ("split+biquad", "biquads are for pd and pid"),
     ],
@@ -104,6 +107,15 @@ def test_the_disk_of_delays_is_a_delay_margin():
     for one in x[kept]:
         margin = gr.margins(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()).delay_margin
         assert margin >= limits.delay_reserve * (1 - 1e-3)  # the disk is looked at on a grid
+
+
+def test_riccati_equations_by_doubling_are_those_that_scipy_solves():
+    rng = np.random.default_rng(4)
+    a, b, q = rng.normal(size=(5, 5)) / 2, rng.normal(size=(5, 1)), np.eye(5)
+    weights = np.array([1e-3, 1.0, 50.0])
+    found = riccati(a, b @ b.T / weights[:, None, None], q[None])
+    for one, weight in zip(found, weights, strict=True):
+        np.testing.assert_allclose(one, solve_discrete_are(a, b, q, np.array([[weight]])), rtol=1e-8)
 
 
 def test_a_cascade_is_a_pid():

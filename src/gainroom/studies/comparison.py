@@ -19,7 +19,7 @@ from ..design.comparison.ceilings import Ceilings
 from ..design.comparison.certificate import Certificate
 from ..design.comparison.closed_loop import Corners, curves
 from ..design.comparison.exact_joint import ExactJoint
-from ..design.comparison.joint_responses import quadrature
+from ..design.comparison.joint_responses import parts_of, quadrature
 from ..design.comparison.objective import Objective
 from ..design.comparison.structure_search import (
     FINE,
@@ -35,9 +35,6 @@ from ..design.comparison.structure_search import (
 from ..design.comparison.structures import Structure
 from ..design.parallel import in_parallel
 from ..errors import GainroomError
-from ..system.assembly import Parts
-from ..system.controller import PD
-from ..system.feedback import feedback_of
 from ..system.gain_path import GainPath
 from ..system.system import System
 from ..system.uncertainty import NOMINAL, Place
@@ -229,9 +226,7 @@ def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
     system, ceilings, sensor = found.system, found.ceilings, _position(found.system)
 
     def joint(place: Place) -> ExactJoint:
-        one = system.at(place)
-        plain = Parts(one.source.linearize(), one.drives, PD(0.0, 0.0), feedback_of("motor", PD), one.control.sample_time)
-        return ExactJoint.of(plain)
+        return ExactJoint.of(parts_of(system.at(place)))
 
     try:
         best = box_bound([joint(place) for place in corner_places(system)], ceilings, sensor, steps.checkpoint)

@@ -4,7 +4,7 @@ ceilings          what each is held to: sensitivity, delay reserve, torque noise
 objective         what each makes small: a measure of the compliance from load torque to link
 exact_joint       sampled responses of the joint to torque command and load torque, at motor, link and spring
 joint_responses   the same at one place in its uncertainty, of laws on the host and in the drive
-structures        laws of a parameter vector; catalogue: by the names that files give them
+structures        laws of a parameter vector; observers: those that hold a model of the joint; catalogue: by the names of files
 closed_loop       curves, ceilings and stability of many parameter vectors at once
 structure_search  best parameters over the box: global_search, then local_search
 bound             peak compliance that no linear controller on one sensor beats

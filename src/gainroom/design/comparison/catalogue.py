@@ -8,18 +8,19 @@ from typing import Any
 
 from ...errors import GainroomError, one_line
 from .joint_responses import DRIVE, HOST
+from .observers import ObservedDisturbance, StateObserver
 from .structures import Structure
 
-NAMES = ("pd", "pid", "ppi", "split")
+NAMES = ("pd", "pid", "ppi", "dob", "split", "torque_feedback", "observer")
 """Names of structures; a ppi is a pid, whose feedback is the same."""
 MOST_BIQUADS = 3
-USUAL = ("pd", "pid", "pd+biquad", "split")
+USUAL = ("pd", "pid", "pd+biquad", "dob", "observer", "split", "torque_feedback")
 """Structures that are compared where none are named, as far as the sensors are known."""
-OPTION = re.compile(r"(?:(\d+)\s*)?biquads?|drive")
+OPTION = re.compile(r"(?:(\d+)\s*)?biquads?")
 
 
 def structure_of(entry: Any, position: str = "motor") -> Structure:
-    """Structure of an entry: a key such as pd, pd+biquad, pd+2biquads or torque_feedback+drive, or a mapping {pd: {biquads: 1}}.
+    """Structure of an entry: a key such as pd, pd+biquad or pd+2biquads, or a mapping {pd: {biquads: 1}}.
 
     position   sensor of the position
 
@@ -29,24 +30,25 @@ def structure_of(entry: Any, position: str = "motor") -> Structure:
     if name not in NAMES:
         near = difflib.get_close_matches(name, NAMES, 1, 0.0)[0]
         raise GainroomError(f"structure {one_line(repr(name), 40)} must be one of {', '.join(NAMES)}; the nearest is {near}")
-    biquads, drive = options.pop("biquads", 0), options.pop("drive", False)
+    biquads = options.pop("biquads", 0)
     if options:
-        raise GainroomError(f"structure {name}: {one_line(repr(next(iter(options))), 40)} must be biquads or drive")
+        raise GainroomError(f"structure {name}: {one_line(repr(next(iter(options))), 40)} must be biquads")
     if isinstance(biquads, bool) or not isinstance(biquads, int) or not 0 <= biquads <= MOST_BIQUADS:
         raise GainroomError(f"structure {name}: biquads {one_line(repr(biquads), 20)} must be a whole number from 0 to {MOST_BIQUADS}")
-    if not isinstance(drive, bool) or (drive and name != "torque_feedback"):
-        raise GainroomError(f"structure {name}: drive {one_line(repr(drive), 20)} must be true or false, of torque_feedback alone")
-    if biquads and name in ("split", "torque_feedback"):
+    if biquads and name not in ("pd", "pid", "ppi"):
         raise GainroomError(f"structure {name}: biquads are for pd and pid")
-    parts = [name if name != "ppi" else "pid", *([f"{biquads if biquads > 1 else ''}biquad{'s' * (biquads > 1)}"] if biquads else [])]
-    found = Structure("+".join([*parts, *(["drive"] if drive else [])]), position, biquads=biquads)
+    if name == "dob":
+        return ObservedDisturbance(name, position)
+    if name == "observer":
+        return StateObserver(name, position)
+    kind = "pid" if name == "ppi" else name
+    key = kind if not biquads else f"{kind}+biquad" if biquads == 1 else f"{kind}+{biquads}biquads"
+    found = Structure(key, position, biquads=biquads)
     if name in ("pid", "ppi"):
         return replace(found, integral=True)
     if name == "split":
         return replace(found, velocity=DRIVE)
-    if name == "torque_feedback":
-        return replace(found, velocity=DRIVE if drive else HOST, torque=DRIVE if drive else HOST)
-    return found
+    return replace(found, torque=HOST) if name == "torque_feedback" else found
 
 
 def _parted(entry: Any) -> tuple[str, dict[str, Any]]:
@@ -65,17 +67,20 @@ def _parted(entry: Any) -> tuple[str, dict[str, Any]]:
     for part in parts:
         match = OPTION.fullmatch(part)
         if match is None:
-            raise GainroomError(f"structure {one_line(repr(entry), 40)}: {part!r} must be biquad, 2biquads or drive")
-        options |= {"drive": True} if part == "drive" else {"biquads": int(match[1] or 1)}
+            raise GainroomError(f"structure {one_line(repr(entry), 40)}: {part!r} must be biquad or 2biquads")
+        options |= {"biquads": int(match[1] or 1)}
     return name, options
 
 
 def starts_from(structure: Structure, smaller: Structure, found: Mapping[str, float]) -> list[dict[str, float]]:
     """Parameters of `structure`, by field, at which it does what `smaller` does with the parameters `found`; [] where it cannot.
 
-    What `smaller` lacks is neutral: a biquad whose zeros are its poles, at several frequencies; no feedback of torque; little integral.
+    What `smaller` lacks is neutral: a biquad whose zeros are its poles, at several frequencies; no feedback of torque; little integral; an
+    observer of little inertia, and slow.
     """
     if structure.position != smaller.position or structure.velocity != smaller.velocity or smaller.biquads > structure.biquads:
+        return []
+    if isinstance(smaller, (ObservedDisturbance, StateObserver)) or isinstance(structure, StateObserver):
         return []
     if (smaller.integral and not structure.integral) or (smaller.torque and not structure.torque):
         return []
@@ -103,6 +108,10 @@ def _completed(structure: Structure, found: dict[str, float]) -> list[dict[str, 
 def _neutral(name: str, low: float, high: float, found: Mapping[str, float]) -> float:
     if name in ("ktau", "kstau"):
         return 0.0
+    if name == "nominal_inertia":
+        return low
     if name == "ki":
         return 0.05 * found["kp"]
+    if name == "bandwidth" and "nominal_inertia" in found:
+        return low
     return high if name == "bandwidth" else (low * high) ** 0.5

@@ -32,6 +32,11 @@ SPACING = 0.05
 BESIDE = np.geomspace(2e-3, 0.25, 8)  # relative distances from resonance and antiresonance that are sampled
 
 
+def parts_of(system: System) -> Parts:
+    """Parts of a joint's loop, whatever its gains."""
+    return Parts(system.source.linearize(), system.drives, PD(0.0, 0.0), feedback_of("motor", PD), system.control.sample_time)
+
+
 @dataclass(frozen=True)
 class Responses:
     """Responses (m, …) at omega (m,) [rad/s].
@@ -71,8 +76,8 @@ class Joint:
     @classmethod
     def of(cls, system: System, reserves: Mapping[str, float], path: GainPath | None) -> "Joint":
         """Joint of `system` with its own values."""
-        source, tick = system.source, system.control.sample_time
-        parts = Parts(source.linearize(), system.drives, PD(0.0, 0.0), feedback_of("motor", PD), tick)
+        tick = system.control.sample_time
+        parts = parts_of(system)
         state, ticks = sensed_state(parts), 0
         if path is None:
             assert tick is not None

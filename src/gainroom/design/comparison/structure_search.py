@@ -162,7 +162,8 @@ def searched(
     begun = sorted(begun, key=_rank)
     ends = _polished(fine, [one.x for one in begun[:POLISHED]], progress)
     for seed in range(MOST_SEEDS):
-        if seed >= SEEDS and _gap(ends) < AGREED:
+        hopeless = seed > SEEDS and not any(one.excess <= KEPT for one in ends)
+        if seed >= SEEDS and (_gap(ends) < AGREED or hopeless):
             break
         known = [one.x for one in begun] if seed % 2 else []  # every other one knows nothing of smaller structures
         members, costs = evolved(coarse, seed, GENERATIONS * len(structure.parameters), known, RESERVE, progress)

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ...system.controller import PD, PID
+from ...system.controller import PD, PID, Controller, TorqueFeedback
+from ...system.feedback import feedback_of
 from ...system.filters import Biquad, LowPass
 from ...system.gain_path import GainPath
 from ...system.linear.arrays import Complexes, Floats
@@ -218,10 +219,16 @@ class Structure:
         filters: dict[str, Any] = {"velocity_filter": LowPass(found["bandwidth"]) if self.filtered else None}
         if biquads:
             filters["biquads"] = biquads
-        gains = {name: found[name] for name in ("kp", "ki", "kd") if name in found}
-        controller = (PID if self.integral else PD)(**gains, **filters)
-        control = replace(system.control, controller=controller, feedback=self.position, kd_path=path if self.velocity == DRIVE else None)
-        return replace(system, control=control)
+        gains = {name: found[name] for name in ("kp", "ki", "kd", "ktau", "kstau") if name in found}
+        kind = TorqueFeedback if self.torque else PID if self.integral else PD
+        sides: Any = {"kp": self.position, "kd": self.position, "ktau": "torque"} if self.torque else self.position
+        return closed_with(system, kind(**gains, **filters), sides, path if self.velocity == DRIVE else None)
+
+
+def closed_with(system: System, controller: Controller, feedback: Any, path: GainPath | None = None) -> System:
+    """`system` with a controller, its sensors, and the drive's path of its kd."""
+    control = replace(system.control, controller=controller, feedback=feedback_of(feedback, controller), kd_path=path)
+    return replace(system, control=control)
 
 
 def low_pass_response(bandwidth: Floats, late: Complexes, step: float) -> Complexes:
