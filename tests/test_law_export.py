@@ -116,3 +116,26 @@ def test_a_controller_in_continuous_time_is_refused(tmp_path: Path, capsys: pyte
     path.write_text(JOINT.replace("CONTROL, sample_rate_hz: 2000", "type: pd, feedback: motor, kp: 1, kd: 1"))
     assert main(["export", str(path), "--to", "c"]) == 2
     assert "control.sample_rate_hz is missing: a controller is exported as difference equations at its rate" in capsys.readouterr().err
+
+
+def test_damping_in_the_drive_is_a_part_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """kp at the host's rate, kd (1 − z⁻¹)/T at the drive's behind a low-pass by Tustin's rule, exact at its corner, by hand."""
+    kp, kd, corner, fast = 1500.0, 150.0, 900.0, 5e-5
+    control = f"type: pd, feedback: motor, kp: {kp}, kd: {kd}, velocity_filter: {{bandwidth: {corner}}}"
+    path = tmp_path / "joint.yaml"
+    path.write_text(JOINT.replace("CONTROL", f"{control}, kd_path: {{delay_ms: 0.1, sample_rate_hz: {1 / fast:.0f}}}"))
+    assert main(["export", str(path), "--to", "markdown", "--json"]) == 0
+    tables = re.findall(r"^\| 1 \| (.*) \|$", json.loads(capsys.readouterr().out)["text"], re.MULTILINE)
+    host, drive = (list(map(float, one.split(" | "))) for one in tables)
+    assert host == pytest.approx([kp, 0, 0, 0, 0])
+    a = np.tan(corner * fast / 2)
+    high = kd / fast * a / (1 + a)
+    assert drive == pytest.approx([high, 0, -high, -(1 - a) / (1 + a), 0], rel=1e-12)
+    assert main(["export", str(path), "--to", "c", "--json"]) == 0
+    text = json.loads(capsys.readouterr().out)["text"]
+    for name in ("gainroom_law(gainroom_state *state", "gainroom_drive_law(gainroom_drive_state *state"):
+        assert text.count(name) == 1
+    if compiler := shutil.which("cc"):
+        (tmp_path / "law.h").write_text(text)
+        (tmp_path / "both.c").write_text('#include "law.h"\nint main(void) { return 0; }\n')
+        subprocess.run([compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-c", "both.c"], cwd=tmp_path, check=True)
