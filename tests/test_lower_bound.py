@@ -268,6 +268,20 @@ def test_joints_of_other_kinds_have_bounds(joint: ElasticJoint, drive: Drive, st
     assert found.delay_share <= 1
 
 
+def test_a_grid_that_is_too_coarse_for_the_damping_is_doubled():
+    """A resonance 0.1 rad/s wide, where the first grid's step is 0.19 rad/s: weights there prove anything, and the doubled grid tells."""
+    rng = np.random.default_rng(53)
+    joint, delay = random_joint(rng)
+    own = 1 + joint.sample_time * np.linalg.eigvals(joint.state_space.a)
+    slow = own[(own.imag > 1e-6) & (np.abs(own) > 0.9)]
+    bound = lower_bound(joint, Ceilings(delay / 2))
+    assert -np.log(np.abs(slow)).max() < math.pi / 2**14
+    assert bound.points[0] > 2**14
+    bench = Bench(joint)
+    kept = (bench.tried(*bench.random_pd(rng), delay / 2) for _ in range(200))
+    assert 0 < bound.value < min(one.peak for one in kept if one and one.sensitivity <= 2 and one.delay_share <= 1)
+
+
 @pytest.mark.slow
 def test_tighter_ceilings_raise_the_bound():
     joint, given = exact(*PARAMETERS["fig9"]), CEILINGS["fig9"]

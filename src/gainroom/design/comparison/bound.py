@@ -9,12 +9,13 @@ import numpy as np
 from ...system.linear.arrays import Floats
 from ..parallel import in_parallel
 from .ceilings import Ceilings
-from .certificate import Certificate
+from .certificate import AGREEMENT, Certificate
 from .closed_maps import Stabilised
 from .dual_grid import DualGrid, least_squares
 from .exact_joint import ExactJoint
 
 STEP = 2 * math.pi * 0.1  # rad/s, at most: joints stiffen and resonate from some hertz on
+DOUBLINGS = 4  # of the grid, for joints whose damping is less than a step wide
 PER_DECADE = 60  # knots
 RATE = 1.0  # of the ascent; from 2 on it swings
 REFINED = (5, 10, 15, 20)  # steps after which knots are added
@@ -42,10 +43,16 @@ def lower_bound(joint: ExactJoint, ceilings: Ceilings, sensor: str = "motor", st
     """
     half_rate = math.pi / joint.sample_time
     points = 2 ** max(13, math.ceil(math.log2(half_rate / STEP)))
-    frequency = _knots(half_rate, half_rate / points)
-    grid = DualGrid.of(Stabilised.of(joint, (sensor,)), joint, ceilings, sensor, frequency, points)
-    frequency, table, noise_weight = _ascended(grid, steps)
-    unclaimed = Certificate(joint, ceilings, sensor, frequency, _short(table), float(_short(np.array(noise_weight))), points, 0.0)
+    narrowest = 4 * half_rate / points
+    stabilised = Stabilised.of(joint, (sensor,))
+    most = points << DOUBLINGS
+    while True:
+        grid = DualGrid.of(stabilised, joint, ceilings, sensor, _knots(half_rate, narrowest), points)
+        frequency, table, noise_weight = _ascended(grid, narrowest, steps)
+        unclaimed = Certificate(joint, ceilings, sensor, frequency, _short(table), float(_short(np.array(noise_weight))), points, 0.0)
+        if unclaimed.agreement <= AGREEMENT or points == most:
+            break
+        points *= 2
     value = unclaimed.check()
     return Bound(value, replace(unclaimed, value=value), (points, 2 * points), unclaimed.agreement)
 
@@ -63,16 +70,16 @@ def _short(values: Floats) -> Floats:
     return np.array([float(f"{value:.7g}") for value in values.ravel()]).reshape(values.shape)
 
 
-def _knots(half_rate: float, step: float) -> Floats:
-    """Frequencies [rad/s] of the weights' table: 4 steps apart at first, then in geometric progression."""
+def _knots(half_rate: float, narrowest: float) -> Floats:
+    """Frequencies [rad/s] of the weights' table: `narrowest` apart at first, then in geometric progression."""
     ratio = 10 ** (1 / PER_DECADE)
     found = [0.0]
-    while found[-1] * ratio < half_rate - 8 * step:
-        found.append(max(found[-1] + 4 * step, found[-1] * ratio))
+    while found[-1] * ratio < half_rate - 2 * narrowest:
+        found.append(max(found[-1] + narrowest, found[-1] * ratio))
     return np.array([*found, half_rate])
 
 
-def _ascended(grid: DualGrid, steps: int) -> tuple[Floats, Floats, float]:
+def _ascended(grid: DualGrid, narrowest: float, steps: int) -> tuple[Floats, Floats, float]:
     """Best weights of some steps of mirror ascent: knots, table and ν. A weight grows by as much as its ceiling is exceeded."""
 
     def low(corner: float, mean: float) -> Floats:
@@ -103,7 +110,7 @@ def _ascended(grid: DualGrid, steps: int) -> tuple[Floats, Floats, float]:
         if step < 3:  # begin where penalties and cost are of one size
             unit *= math.sqrt(cost)
         if step in REFINED:
-            finer = _finer(grid, shares[:3])
+            finer = _finer(grid, shares[:3], narrowest)
             table = np.array([np.interp(finer, grid.frequency, one) for one in table])
             grid = replace(grid, frequency=finer)
             base = low(30, 1.0)
@@ -115,11 +122,11 @@ def _of_mean(grid: DualGrid, values: Floats, mean: float) -> Floats:
     return values * mean / (values @ grid.masses)
 
 
-def _finer(grid: DualGrid, shares: Floats) -> Floats:
+def _finer(grid: DualGrid, shares: Floats, narrowest: float) -> Floats:
     """Knots, and more between two where a response to its ceiling, squared, is uneven: as at a resonance with little damping."""
     first = np.searchsorted(grid.below, np.arange(len(grid.frequency) - 1))
     top, bottom = np.maximum.reduceat(shares, first, axis=1), np.minimum.reduceat(shares, first, axis=1)
     uneven = (top > UNEVEN * np.maximum(bottom, 0.3)).any(axis=0)  # far below its ceiling a response has no weight
-    wide = np.diff(grid.frequency) >= 8 * (grid.omega[1] - grid.omega[0])
+    wide = np.diff(grid.frequency) >= 2 * narrowest
     middles = (grid.frequency[:-1] + grid.frequency[1:]) / 2
     return np.union1d(grid.frequency, middles[uneven & wide])
