@@ -30,6 +30,7 @@ RESONANT = 0.9  # radius beyond which a pole of the joint is one
 POINTS = 2**13  # of half a circle, on which a result is judged
 ROUNDS = 12  # of adding points where a ceiling is exceeded
 INSIDE = 2e-3  # relative: how far below its ceilings a result is sought, so that none is exceeded between the points that are held
+ENDED = ("Solved", "AlmostSolved", "InsufficientProgress")  # where the solver has a point, which is judged by what it reaches
 HELD = 2e-3  # relative: of the objective between the points that are held
 
 
@@ -56,13 +57,18 @@ def best_known(joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...] =
         raise GainroomError("the best known controller needs clarabel: pip install 'gainroom[compare]'")
     programme = _Programme.of(joint, ceilings, sensors)
     held = np.unique(np.concatenate([np.geomspace(1, POINTS, 120), np.linspace(1, POINTS, 40)]).astype(int) - 1)
+    q, peak = programme.solved(held)
     for _ in range(ROUNDS):
-        q, peak = programme.solved(held)
         beyond = np.unique(np.concatenate([*programme.exceeded(q, peak)]))
         if not len(beyond):
-            return programme.judged(ceilings, sensors, q)
+            break
         held = np.union1d(held, beyond)
-    raise GainroomError(f"no controller on {' and '.join(sensors)} was found that keeps the ceilings between {len(held)} frequencies")
+        q, peak = programme.solved(held)
+    found = programme.judged(ceilings, sensors, q)
+    noisy = ceilings.torque_noise is not None and (found.torque_noise or 0.0) > ceilings.torque_noise
+    if found.peak_sensitivity > ceilings.peak_sensitivity or found.delay_share > 1 or noisy:
+        raise GainroomError(f"no controller on {' and '.join(sensors)} was found that keeps the ceilings between the frequencies tried")
+    return found
 
 
 @dataclass(frozen=True)
@@ -136,7 +142,7 @@ class _Programme:
         nothing = scipy.sparse.csc_matrix((unknowns + 1, unknowns + 1))
         table = scipy.sparse.csc_matrix(np.vstack(rows))
         solution = clarabel.DefaultSolver(nothing, cost, table, np.concatenate(right), cones, settings).solve()
-        if str(solution.status) not in ("Solved", "AlmostSolved"):
+        if str(solution.status) not in ENDED:
             raise GainroomError(f"the cone programme of the best controller ended as {solution.status}")
         found = np.array(solution.x)
         coefficients = found[:-1].reshape(len(self.columns), FUNCTIONS) * self.columns[:, None]
