@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -15,8 +16,10 @@ from gainroom.design.comparison.catalogue import structure_of
 from gainroom.design.comparison.ceilings import Ceilings
 from gainroom.design.comparison.certificate import Certificate
 from gainroom.design.comparison.structure_search import Problem, corner_places
+from gainroom.files.compared_joint import compared_text
 from gainroom.files.joint_yaml import load_joint, parse_comparison
 from gainroom.report.comparison_text import winner
+from gainroom.studies.comparison import Comparison, Row
 
 JOINT = """\
 # A joint whose load is known well.
@@ -102,6 +105,41 @@ def test_answer_page_and_joint(joint: Path, tmp_path: Path, capsys):
 
 
 @pytest.mark.slow
+def test_what_a_torque_sensor_buys(joint: Path, tmp_path: Path, capsys):
+    """Told against PD and against the best without it; the controller that is written measures the spring's torque."""
+    written = tmp_path / "sensed.yaml"
+    call = ["compare", joint, "--structures", "pd,torque_feedback", "--torque-sensor", "0.05", "--no-bound"]
+    found = asked(capsys, *call, "--write", written, "--take", "torque_feedback")
+    _, sensed = found["rows"]
+    assert sensed["sensors"] == ["motor", "torque"]
+    assert sensed["holds"]
+    assert sensed["times_pd"] > 3  # 3.5 by a prototype of its own
+    factor = f"{sensed['times_pd']:.2g} ×"
+    assert f"Against PD: a torque sensor {factor}, {factor} the best without it." in found["sentence"]
+    system = load_joint(written)
+    assert system.control.controller.ktau == pytest.approx(sensed["parameters"]["ktau"], rel=1e-6)
+    assert system.control.feedback.written == {"kp": "motor", "kd": "motor", "ktau": "torque"}
+    worst = max(gr.margins(case.system.loop(case.model)).peak_sensitivity for case in system.cases())
+    assert worst <= 2.0 + 1e-5
+
+
+@pytest.mark.slow
+def test_a_law_in_plain_numbers_is_written_and_read_back(joint: Path, tmp_path: Path, capsys):
+    """A Kalman filter with state feedback has no gains: zeros and poles are written, and its loop is the one that was compared."""
+    joint.write_text(JOINT.replace("link_inertia: [8.0, 24.0], stiffness: 20%", "link_inertia: [15.0, 17.0]"), "utf-8")
+    system, settings = parse_comparison(joint.read_text("utf-8"), "joint.yaml")
+    structure = structure_of("observer").scaled_to(system, gr.GainPath(1e-4, 5e-5))
+    low, high = structure.box
+    found = structure.system((low + high) / 2, system, None)
+    row = Row("observer", found, {}, *(math.nan, math.nan, "", None, None, 0, math.nan, math.nan), ("motor",), "host", math.nan, None)
+    comparison = Comparison((row,), None, None, system, Ceilings(delay_reserve=1e-3), settings.objective)
+    again = parse_comparison(compared_text(comparison, row, joint.read_text("utf-8"), "joint.yaml", "0"), "again.yaml")[0]
+    omega = np.geomspace(1.0, 6000.0, 50)
+    # 16 digits of every zero and pole: near z = 1, where they gather, the response keeps about 10 of them
+    np.testing.assert_allclose(again.loop().response(omega), found.loop().response(omega), rtol=1e-8)
+
+
+@pytest.mark.slow
 def test_the_bound_and_its_certificate(joint: Path, capsys):
     """It is proved by weights that the JSON has, below what is found, and at least the largest of the corners' that a prototype had."""
     found = asked(capsys, "compare", joint, "--structures", "pd")
@@ -139,6 +177,7 @@ def test_a_person_reads_the_verdict_first(joint: Path, capsys):
     assert winner(found) is pd
     assert "Use PD, in" in told
     assert f"kp: {pd.parameters['kp']:.7g}" in told
+    assert "--torque-sensor 0.05" in told
     assert "Assumed: the encoder's step is 7.67·10⁻⁶ rad" in told  # 2π/2¹³ behind 100:1
 
 
@@ -150,6 +189,8 @@ def test_a_person_reads_the_verdict_first(joint: Path, capsys):
             "--structures: structure 'spilt' must be one of pd, pid, ppi, dob, split, torque_feedback, observer; the nearest is split",
         ),
         (("--structures", "pd+lead"), "--structures: structure 'pd+lead': 'lead' must be biquad or 2biquads"),
+        (("--structures", "torque_feedback"), "needs compare.sensors.torque_noise, the noise of the joint's torque sensor [N·m]"),
+        (("--torque-sensor", "0"), "--torque-sensor: noise 0 N·m must be a number > 0"),
         (("--noise", "-1"), "--noise: torque noise -1 N·m must be a number > 0"),
         (("--noise", "loud"), "'loud' must be a number in N·m, without the unit"),
         (("--objective", "stiffness"), "--objective stiffness: must be dynamic_stiffness, white_load or step_load"),

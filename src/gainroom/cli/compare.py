@@ -21,7 +21,11 @@ def compare(
     ],
     structures: Annotated[
         str | None,
-        typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, pd+2biquads, split …", show_default=False),
+        typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, dob, observer, split, torque_feedback …", show_default=False),
+    ] = None,
+    torque_sensor: Annotated[
+        float | None,
+        number_option("--torque-sensor", "in N·m", "As if the joint had a torque sensor with so much noise [N·m rms].", show_default=False),
     ] = None,
     noise: Annotated[
         float | None,
@@ -46,6 +50,7 @@ def compare(
     \b
     Example:
       gainroom compare joint.yaml --report compare.html
+      gainroom compare joint.yaml --torque-sensor 0.05
       gainroom compare joint.yaml --structures pd,split --write better.yaml --take split
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 interrupted.
@@ -57,7 +62,7 @@ def compare(
     if take is not None and write is None:
         raise GainroomError(f"--take {take}: is for --write, which names the file")
     given, settings = load_comparison(file)
-    settings = _settings(settings, noise, objective)
+    settings = _settings(settings, torque_sensor, noise, objective)
     keys = None if structures is None else [_structure(one.strip(), "--structures") for one in structures.split(",")]
     taken = None if take is None else _structure(take, "--take")
     if taken is not None and keys is not None and taken not in keys:
@@ -81,7 +86,9 @@ def compare(
     return 0
 
 
-def _settings(settings: "ComparisonSettings", noise: float | None, objective: str | None) -> "ComparisonSettings":
+def _settings(
+    settings: "ComparisonSettings", torque_sensor: float | None, noise: float | None, objective: str | None
+) -> "ComparisonSettings":
     """Settings of the file with what the command line says otherwise. Raises GainroomError for numbers and names that do not fit."""
     from dataclasses import replace
 
@@ -89,6 +96,9 @@ def _settings(settings: "ComparisonSettings", noise: float | None, objective: st
     from ..errors import require_positive
     from ..io.validation import require_one_of
 
+    if torque_sensor is not None:
+        require_positive("--torque-sensor", "noise", torque_sensor, "N·m")
+        settings = replace(settings, sensor_noise={**settings.sensor_noise, "torque": torque_sensor})
     if noise is not None:
         require_positive("--noise", "torque noise", noise, "N·m")
         settings = replace(settings, torque_noise=noise)

@@ -6,12 +6,12 @@ from typing import Any
 
 from ..io.as_typed import as_typed
 from ..studies.comparison import Comparison, Row
-from ..system.controller import type_of
+from ..system.controller import Compensator, type_of
 from ..system.filters import FILTERS
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .edited_text import edited, quoted, written
-from .joint_yaml import LAW, parse_comparison
+from .joint_yaml import parse_comparison
 from .law_section import law_written
 
 UNITS = {"delay": ("delay_ms", 1e3)}
@@ -43,15 +43,16 @@ def control_section(system: System) -> dict[str, Any]:
     """Section `control` of a joint.yaml for the controller of `system`."""
     control, controller = system.control, system.control.controller
     found: dict[str, Any] = {"type": type_of(controller)}
-    laws = controller.laws or ({control.feedback.position: controller.system} if type_of(controller) == LAW else {})
-    found |= {key: _seven(getattr(controller, key)) for key in controller.gain_names()}
-    found |= {sensor: law_written(law) for sensor, law in laws.items()}
+    if isinstance(controller, Compensator):
+        laws = controller.laws or {control.feedback.position: controller.system}
+        found |= {sensor: law_written(law.scaled(float(controller.gain))) for sensor, law in laws.items()}
+    else:
+        found |= {key: _seven(getattr(controller, key)) for key in controller.gain_names()}
+        found["feedback"] = control.feedback.written
     for name in FILTERS:
         filters = getattr(controller, name)
         if filters:
             found[name] = [_numbers(one) for one in filters] if isinstance(filters, tuple) else _numbers(filters)
-    if not laws:
-        found["feedback"] = control.feedback.written
     if control.sample_time is not None:
         found["sample_rate_hz"] = _seven(1 / control.sample_time)
     if control.kd_path is not None:

@@ -1,6 +1,7 @@
 """Page of a comparison: what to do about PD, a bar per structure, compliance over frequency, table, inputs, certification."""
 
 import math
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from ..design.comparison.catalogue import structure_of
 from ..design.comparison.closed_loop import curves
 from ..design.comparison.structure_search import Problem, corner_places
-from ..studies.comparison import Comparison, Fragile, Row
+from ..studies.comparison import Comparison, Row
 from ..system.gain_path import GainPath
 from ..system.linear.arrays import Floats
 from . import style
@@ -36,7 +37,7 @@ from .comparison_text import (
     winner,
 )
 from .joint_tables import machine
-from .number_format import digits, model_text
+from .number_format import MISSED, digits, model_text
 from .page import Card, Html, Lead, Section, advice_box, copied, details, facts, figure, page, paragraph, table
 from .page_parts import assumptions, uncertainty_text
 
@@ -48,6 +49,8 @@ LOWEST = 1e-2
 """Least share of the highest curve that is drawn."""
 BEFORE = 30.0
 """Factor below the lowest peak from which curves are drawn."""
+END = 0.86
+"""Share of the figure's width at which longer bars are cut: of structures that do not hold the box."""
 ROW, BESIDE = 58, 124
 """Height [px] of a structure in the figure of bars, and of all else there."""
 BOUND = "no linear controller on this encoder"
@@ -113,9 +116,11 @@ def bars(found: Comparison) -> Html:
     names, count = [name_of(row.structure) for row in rows], len(rows)
     places = np.arange(count)
     worst, nominal = 1e3 * np.array([row.worst for row in rows]), 1e3 * np.array([row.objective for row in rows])
+    held = [1e3 * max(row.worst, row.objective) for row in rows if row.holds]
+    right = 1.3 * max(held or worst.tolist() or [1e-9])
     traces = [
-        _bars("worst in the box", worst, places - 0.17, [style.BLUE if row.holds else style.VERMILION for row in rows], True),
-        _bars("the same design, nominal", nominal, places + 0.17, [style.SKY] * count, False),
+        _bars("worst in the box", rows, worst, END * right, -0.17),
+        _bars("the same design, nominal", rows, nominal, END * right, 0.17),
     ]
     fragile = [(k, row.fragile) for k, row in enumerate(rows) if row.fragile is not None and row.fragile.fragile]
     if fragile:
@@ -125,8 +130,7 @@ def bars(found: Comparison) -> Html:
         ]
         look = {"name": "tuned at nominal alone: fragile", "showlegend": True, "hoverinfo": "text", "hovertext": text}
         traces.append(style.markers(at, [k + 0.17 for k, _ in fragile], "diamond-open", style.VERMILION, 11, **look))
-    right = 1.22 * max([*worst.tolist(), *nominal.tolist(), 1e-9])
-    notes = [_unstable(nominal[k], k, one) for k, one in fragile]
+    notes = [_unstable(min(nominal[k], END * right), k, rows[k]) for k, _ in fragile if rows[k].holds]
     if found.bound is not None:
         traces.insert(0, _zone(1e3 * found.bound, count))
     axis = style.axis(f"{measure(found.objective)} [{unit(found.objective)}]", range=[0, right], fixedrange=True)
@@ -139,7 +143,8 @@ def bars(found: Comparison) -> Html:
         legend=style.switches(1.0, yref="container", yanchor="top"),
         margin={"l": 20, "r": 12, "t": 62, "b": 52},
     )
-    caption = f"Shorter is stiffer. {_zone_text(found)}"
+    cut = " ✗: does not hold the box, bars cut." if any(not row.holds for row in rows) else ""
+    caption = f"Shorter is stiffer. {_zone_text(found)}{cut}"
     narrow = {
         "margin.l": 8,
         "margin.t": 112,
@@ -158,20 +163,24 @@ def _zone_text(found: Comparison) -> str:
     return f"Hatched, below {thousandths(found.bound)} {unit(found.objective)}: {BOUND}, at this rate and delay, under the same ceilings."
 
 
-def _bars(name: str, values: Floats, places: Floats, colors: list[str], told: bool) -> style.Trace:
+def _bars(name: str, rows: Sequence[Row], values: Floats, end: float, shift: float) -> style.Trace:
+    """Bars of one kind, cut at `end`; `shift`: place in the structure's row, that of the worst above."""
+    above = shift < 0
     texts = [digits(value, "", 3) for value in values.tolist()]
+    bold = [f"<b>{text if row.holds else f'{MISSED} {text}'}</b>" for row, text in zip(rows, texts, strict=True)]
     return {
         "type": "bar",
         "orientation": "h",
-        "x": values,
-        "y": places,
+        "x": np.minimum(values, end),
+        "y": np.arange(len(rows)) + shift,
         "width": 0.34,
         "name": name,
-        "marker": {"color": colors},
-        "text": [f"<b>{text}</b>" if told else text for text in texts],
+        "marker": {"color": [(style.BLUE if row.holds else style.VERMILION) if above else style.SKY for row in rows]},
+        "text": bold if above else texts,
         "textposition": "outside",
         "cliponaxis": False,
-        "hovertemplate": f"%{{x:.4g}}<extra>{name}</extra>",
+        "hoverinfo": "text",
+        "hovertext": [f"{escape(name_of(row.structure))}, {name}: {text}" for row, text in zip(rows, texts, strict=True)],
     }
 
 
@@ -182,10 +191,11 @@ def _zone(bound: float, count: int) -> style.Trace:
     return style.line(*edge, style.SOFT, width=1.2, name=BOUND, showlegend=True, **look)
 
 
-def _unstable(x: float, row: int, one: Fragile) -> style.Annotation:
+def _unstable(x: float, place: int, row: Row) -> style.Annotation:
     """Label behind the nominal bar of a structure that is fragile where tuned at nominal alone."""
-    text = f"◇ unstable in {one.unstable} of {one.tried} perturbed joints" if one.unstable else "◇ far off in the box"
-    return style.label(x, row + 0.17, text, style.VERMILION, xanchor="left", yanchor="middle", xshift=44, name="wide")
+    text = fragile_text(row).removeprefix(f"{MISSED} ")
+    text = f"◇ {text} in the box" if row.fragile is not None and not row.fragile.unstable else f"◇ unstable in {text}"
+    return style.label(x, place + 0.17, text, style.VERMILION, xanchor="left", yanchor="middle", xshift=44, name="wide")
 
 
 def compliance(found: Comparison) -> Html:

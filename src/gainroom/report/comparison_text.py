@@ -10,6 +10,7 @@ from ..design.comparison.objective import Objective
 from ..errors import listed
 from ..files.compared_joint import control_section, plain
 from ..studies.comparison import Comparison, ComparisonSettings, Row
+from ..system.controller import type_of
 from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import Column, facts
@@ -20,8 +21,17 @@ from .page_parts import uncertainty_text
 from .presentation import Part, Presentation, TextTable, closing, do_this
 
 EQUAL = "at equal margins, delay reserve and torque noise"
-NEEDS = {"motor": "motor encoder", "link": "link encoder", "torque": "torque sensor"}
+NEEDS = {"motor": "encoder", "link": "link encoder", "torque": "torque"}
 """Names of sensors."""
+NAMES = {
+    "pd": "PD",
+    "pid": "PID (= P/PI)",
+    "dob": "disturbance observer",
+    "observer": "Kalman filter",
+    "split": "kd in the drive",
+    "torque_feedback": "torque sensor",
+}
+"""Names of structures without their options."""
 UNSURE = 0.02
 """Gap of the two best starts above which it is told in sentences."""
 SMALL = {
@@ -36,10 +46,7 @@ SMALL = {
 def name_of(structure: str) -> str:
     """Name of a structure for people: "PD + biquad", "kd in the drive"."""
     law, *options = structure.split("+")
-    names = {"pd": "PD", "pid": "PID (= P/PI)", "split": "kd in the drive", "dob": "PD + disturbance observer", "observer": "observer"}
-    if law == "torque_feedback":
-        return "torque sensor, drive" if "drive" in options else "torque sensor, host"
-    return " + ".join([names.get(law, law), *(option.replace("biquad", " biquad").strip() for option in options)])
+    return " + ".join([NAMES[law], *(option.replace("biquad", " biquad").strip() for option in options)])
 
 
 def measure(objective: Objective) -> str:
@@ -128,21 +135,11 @@ def _others(found: Comparison) -> str:
         best = min(elsewhere, key=lambda row: row.worst)
         parts.append(f"{name_of(best.structure)} {_factor(found, best)}, no sensor needed")
     if sensed:
-        best = min(sensed, key=lambda row: row.worst)
-        host = [row for row in sensed if row.where == pd.where]
-        least = min([row for row in every if row.sensors == pd.sensors] + [pd], key=lambda row: row.worst)
-        first = min(host, key=lambda row: row.worst) if host else best
-        text = f"a torque sensor {_factor(found, first)}"
-        text += f", {_factor(found, best)} with {_place(best)}" if best is not first and best.worst < first.worst else ""
-        share = least.worst / best.worst
-        worth = f"{digits(share, '×', 2)} the best without it" if share > 1 else "no better than the best without it"
-        parts.append(f"{text}: {worth}")
+        best, without = (min(rows, key=lambda row: row.worst) for rows in (sensed, [pd, *(row for row in every if row not in sensed)]))
+        share = without.worst / best.worst
+        worth = f"{digits(share, '×', 2)} the best without it" if share > 1 else f"no better than {name_of(without.structure)} without it"
+        parts.append(f"a torque sensor {_factor(found, best)}, {worth}")
     return f"Against PD: {'; '.join(parts)}." if parts else ""
-
-
-def _place(row: Row) -> str:
-    """Part of a law that runs in the drive, in words."""
-    return row.where.partition(", ")[2] or row.where
 
 
 def _factor(found: Comparison, row: Row) -> str:
@@ -210,7 +207,6 @@ BOUND_NAME = "no linear controller"
 TABLE = [
     Column("structure", "", lambda line: BOUND_NAME if line.row is None else name_of(line.row.structure)),
     Column("needs", "", _of(lambda row: " + ".join(NEEDS[one] for one in row.sensors)), definition="sensors"),
-    Column("runs", "", lambda line: "host" if line.row is None else line.row.where),
     Column("worst", "", lambda line: line.worst, shown=lambda line: _worst(line), definition="in the box"),
     Column("× PD", "", lambda line: times(line.found, line.worst), shown=lambda line: _against(line), definition="PD's worst over it"),
     Column("nominal", "", _of(lambda row: thousandths(row.objective)), definition="the same design at the nominal values"),
@@ -221,7 +217,7 @@ TABLE = [
     Column("fragile", "", _of(fragile_text), definition="tuned at nominal alone: unstable in so many perturbed joints"),
 ]
 """Columns of a Line."""
-SHORT = [column for column in TABLE if column.title not in ("needs", "runs", "noise", "gap")]
+SHORT = [column for column in TABLE if column.title not in ("needs", "noise", "gap")]
 """Columns on a terminal: the rest is in the names, or told where it matters."""
 
 
@@ -304,9 +300,18 @@ class ComparisonPresentation(Presentation):
         name = name_of(row.structure)
         if written is not None:
             return Advice(f"{name} is in {written}:", [f"gainroom joint {written}", f"gainroom simulate {written}"])
+        lines = [] if type_of(row.controller.control.controller) == "lti" else control_lines(row.controller)
         copy = [f"{self.call} --write better.yaml", "gainroom joint better.yaml"]
-        then = f"Or as a copy of {self.file} with these limits and this box:", copy
-        return Advice(f"Use {name}, in {self.file} under control:", control_lines(row.controller), then=then)
+        then = f"{'Or as' if lines else 'As'} a copy of {self.file} with these limits and this box:", copy
+        return Advice(f"Use {name}{f', in {self.file} under control:' if lines else '.'}", lines, self._what_else, then=then)
+
+    @property
+    def _what_else(self) -> list[str]:
+        """What a torque sensor would buy, where none was compared."""
+        elastic = math.isfinite(self.given.source.stiffness)
+        if "torque" in self.found.ceilings.sensor_noise or not elastic:
+            return []
+        return ["What a torque sensor would buy: the same with `--torque-sensor 0.05`, its noise in N·m rms."]
 
     def facts(self) -> dict[str, Any]:
         found = self.found

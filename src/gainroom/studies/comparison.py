@@ -34,7 +34,7 @@ from ..design.comparison.structure_search import (
 )
 from ..design.comparison.structures import Structure
 from ..design.parallel import in_parallel
-from ..errors import GainroomError
+from ..errors import GainroomError, digits
 from ..system.gain_path import GainPath
 from ..system.system import System
 from ..system.uncertainty import NOMINAL, Place
@@ -444,7 +444,8 @@ def _proof(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> _P
     worst, limit = worst_of(every), problem.ceilings.peak_sensitivity
     peaks = [one.peak_sensitivity for one in every]
     if found.broken is not None:
-        broken = f"a ceiling is exceeded by {100 * math.expm1(max(found.excess, 0.0)):.2g} % at {_text(problem.system, found.broken)}"
+        much = digits(100 * math.expm1(max(found.excess, 0.0)), "%", 3)
+        broken = f"a ceiling is exceeded by {much} at {_text(problem.system, found.broken)}"
         return _Proof(every[0], worst, len(every), broken)
     highest = int(np.argmax(peaks))
     over = peaks[highest] > limit * (1 + SENSITIVITY)
