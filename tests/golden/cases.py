@@ -120,6 +120,11 @@ RUNS = [
     *_each("verify @.yaml", "missed_in_range unstable_in_range arm_rigid", page=False),
     *_each("verify @.yaml", "testbed-sampled unstable arm no_rate"),
 ]
+COMPARED = [
+    Case("compare safe.yaml --structures pd,split --no-bound"),
+    Case("compare missed_in_range.yaml --structures pd --write better.yaml", person=False, page=False),
+    Case("compare rigid.yaml --structures pd,ppi --objective step_load", page=False),
+]
 SWEEPS = [
     Case("sweep arm.yaml --samples 24 --margins 4 --workers 1"),
     Case("sweep arm_unstable.yaml --samples 8 --margins 2 --workers 1"),
@@ -166,6 +171,8 @@ OTHERS = [
 REFUSED = [
     *_each("joint @", " ".join(joint_inputs.HOSTILE), json=False),
     *_each("joint @", "gone.yaml . biped.yaml leg.xml --gian", json=False),
+    *_each("compare @", "no_rate.yaml locked_output.yaml bad_key.yaml gone.yaml arm.yaml", json=False),
+    *_each("compare safe.yaml @", "--structures=pd,spilt --structures=torque_feedback --noise=-1 --objective=stiffness", json=False),
     *_each("simulate @", "bad_key.yaml damaged.yaml gone.yaml", json=False),
     Case("simulate safe.yaml --gain nan", json=False),
     *_each("robot @.yaml", "unknown_joint unknown_frame no_model robot_bad_key robot_nan fig9 damaged", json=False),
@@ -192,5 +199,7 @@ REFUSED = [
     Case("frobnicate", json=False),
     Case("example nobody", json=False),
 ]
-CASES = {case.name or "nothing": case for case in (*JOINTS, *ROBOTS, *AUDITS, *RUNS, *SWEEPS, *LOGS, *EXPORTS, *OTHERS, *REFUSED)}
+CASES = {
+    case.name or "nothing": case for case in (*JOINTS, *ROBOTS, *AUDITS, *RUNS, *COMPARED, *SWEEPS, *LOGS, *EXPORTS, *OTHERS, *REFUSED)
+}
 """By name."""
