@@ -199,7 +199,6 @@ REFUSED = [
     Case("frobnicate", json=False),
     Case("example nobody", json=False),
 ]
-CASES = {
-    case.name or "nothing": case for case in (*JOINTS, *ROBOTS, *AUDITS, *RUNS, *COMPARED, *SWEEPS, *LOGS, *EXPORTS, *OTHERS, *REFUSED)
-}
+EVERY = (*JOINTS, *ROBOTS, *AUDITS, *RUNS, *COMPARED, *SWEEPS, *LOGS, *EXPORTS, *OTHERS, *REFUSED)
+CASES = {case.name or "nothing": case for case in EVERY}
 """By name."""
