@@ -13,7 +13,7 @@ OWN = sorted(STATIC.glob("*.js"))
 
 
 def test_it_is_short():
-    assert sum(len(path.read_text("utf-8").splitlines()) for path in OWN) < 1500
+    assert sum(len(path.read_text("utf-8").splitlines()) for path in OWN) < 1600
     assert all(len(path.read_text("utf-8").splitlines()) <= 400 for path in OWN)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..files.edited_text import Keys, edited
+from ..files.edited_text import Keys, edited, written
 from ..files.export_forms import pasted_gains
 from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
@@ -24,17 +24,18 @@ from ..report.joint_tables import JointPresentation
 from ..report.joint_text import sentence, warnings
 from ..report.map_lines import MapView as Window, heights, opened, outlines, required_lines
 from ..report.margin_columns import margin_columns, margins_text
-from ..report.number_format import own_gains
 from ..report.over_time import LOAD, drawn_until
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
+from ..system.controller import Controller
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .bench import Opened, Part, Remembered, advised, drawn_line, drawn_response, drawn_step, rounded
 from .edits import at_point, conditions, form_titles, gain_of, other_formats_hold, put, ranges, timing
 from .messages import View
 from .shaken import shaken
+from .tunables import tunables
 
 SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
 """Fields of a JointStudy that are the same for all gains in their plane."""
@@ -50,6 +51,7 @@ class JointBench:
         self.opened = opened
         self._system = parse_joint(opened.text, opened.source)
         self._data = parse_yaml(opened.text, opened.source)
+        self._tunables = tunables(self._system, self._data["control"])
         study = _nominal(self._system)
         self._span = sweep_span(study)
         self._window = map_window(study)
@@ -66,7 +68,8 @@ class JointBench:
             "kind": "joint",
             "name": self.opened.source,
             "saves": self.opened.path is not None,
-            "gains": [{"name": name, "value": value, "unit": unit} for name, value, unit in own_gains(controller)],
+            "gains": [one.described() for one in self._tunables],
+            "map_of": "" if controller.has_plane else f"a plain PD: {controller.kind} has no such plane, and is moved by its sliders",
             "axes": controller.plane_names,
             "point": controller.plane_gains() if controller.has_plane else None,
             "window": self._window,
@@ -75,7 +78,7 @@ class JointBench:
             "asks_rate": not (system.control.sampling_in_delay or system.control.continuous),
             "continuous": "delay_ticks" not in self._data["drive"],
             "view": {
-                "gains": {name: value for name, value, _ in own_gains(controller)},
+                "gains": {one.name: one.value for one in self._tunables},
                 "delay_ms": 1e3 * system.delay,
                 "stiffness": joint.stiffness if math.isfinite(joint.stiffness) else None,
                 "link_inertia": joint.link_inertia if math.isfinite(joint.link_inertia) else None,
@@ -94,14 +97,24 @@ class JointBench:
         study = _nominal(self.system(view))
         controller = study.system.control.controller
         if form == "yaml":
-            return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in joint_gains(controller))
+            lines = [*joint_gains(controller), *self._other_lines(view)]
+            return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in lines)
         gain = gain_of(controller, form)
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
         if (feedback := study.system.control.feedback).mixed:  # which no form has a key for
             kept += f", measured on {feedback.where}"
         rate = study.system.control.sample_time
-        return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate, self._data["control"])
+        return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate, self._control(view))
+
+    def _control(self, view: View) -> Mapping[str, Any]:
+        """Section `control` of the edited file."""
+        return parse_yaml(self.text(view), self.opened.source)["control"]
+
+    def _other_lines(self, view: View) -> list[str]:
+        """Lines of `control` with numbers that are no gains, such as those of filters."""
+        control, names = self._control(view), dict.fromkeys(str(one.path[0]) for one in self._tunables if not one.field)
+        return [f"{name}: {written(control[name])}" for name in names]
 
     def mesh(self, place: int) -> bytes | None:
         return None
@@ -116,8 +129,9 @@ class JointBench:
 
     def _followed(self, view: View) -> System:
         """System while gains are dragged: a file is edited and read again only if something else changes."""
-        key = repr(view.model_copy(update={"gains": {}, "point": None}))
-        return self._others.of(key, lambda: self.system(view)).with_controller(self._controller(view))
+        others = view.model_copy(update={"gains": self._other_numbers(view), "point": None})
+        system = self._others.of(repr(others), lambda: self.system(others))
+        return system.with_controller(self._controller(view, system.control.controller))
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         system = self._followed(view)
@@ -173,7 +187,7 @@ class JointBench:
     def _gains(self, study: JointStudy) -> dict[str, Any]:
         controller = study.system.control.controller
         point = controller.plane_gains() if controller.has_plane else None
-        return {"gains": {name: value for name, value, _ in own_gains(controller)}, "point": point}
+        return {"gains": {one.name: float(getattr(controller, one.field)) for one in self._tunables if one.field}, "point": point}
 
     def _study(self, view: View) -> JointStudy:
         """Study of the view, cached; the recommendation of a PD does not depend on its gains, and is looked up."""
@@ -195,25 +209,38 @@ class JointBench:
 
     def plant(self, view: View) -> str:
         """Key of the gain map: everything except the gains in its plane."""
-        controller = self._controller(view)
+        controller = self._controller(view, self._system.control.controller)
         held = controller.from_plane(1.0, 1.0) if controller.has_plane else controller
-        return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, held))
+        return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, self._other_numbers(view), held))
 
-    def _controller(self, view: View) -> Any:
-        """Controller of the file with the view's gains; a point of the plane takes precedence."""
-        own = self._system.control.controller
-        strange = view.gains.keys() - set(own.gain_names())
-        if strange:
-            raise GainroomError(f"gains: {min(strange)} is not a gain of this controller, which has {', '.join(own.gain_names())}")
-        controller = replace(own, **view.gains)
+    def _other_numbers(self, view: View) -> dict[str, Any]:
+        """Numbers of the view that are no gains, such as those of filters, where they are not the file's."""
+        return {
+            one.name: view.gains[one.name] for one in self._tunables if not one.field and view.gains.get(one.name, one.value) != one.value
+        }
+
+    def _controller(self, view: View, own: Controller) -> Controller:
+        """The file's controller `own` with the view's gains; a point of the plane takes precedence."""
+        known = {one.name: one for one in self._tunables}
+        if strange := view.gains.keys() - known.keys():
+            raise GainroomError(f"gains: {min(strange)} is not a gain of this controller, which has {', '.join(known)}")
+        for name, value in view.gains.items():
+            least = known[name].least
+            if not isinstance(value, float) or (least is not None and value < least):
+                raise GainroomError(f"gains: {name} must be a number{'' if least is None else f' >= {least:g}'}")
+        gains: dict[str, Any] = {name: value for name, value in view.gains.items() if known[name].field}
+        controller = replace(own, **gains)
         return controller if view.point is None or not own.has_plane else at_point(controller, view.point)
 
     def _values(self, view: View) -> Mapping[Keys, Any]:
         """Changes of the file by the view, by key."""
         data, changes = self._data, timing(self._data, self._system.delay, view)
-        for name, value, _ in own_gains(self._controller(view)):
-            if data["control"].get(name) != value:
-                changes["control", name] = value
+        controller = self._controller(view, self._system.control.controller)
+        others = self._other_numbers(view)
+        for one in self._tunables:
+            value = float(getattr(controller, one.field)) if one.field else others.get(one.name, one.value)
+            if value != one.value:
+                changes["control", *one.path] = value
         for key in ("stiffness", "link_inertia"):
             if (value := getattr(view, key)) is not None:
                 put(changes, data, ("joint", key), data["joint"][key], value)

@@ -7,12 +7,13 @@ from pydantic import AfterValidator, Field
 
 from ..errors import GainroomError, listed
 from ..files.export_forms import FORMS
-from ..io.validation import Flag, Name, NotNegative, Positive, Section, number, refusal, validate
+from ..io.validation import LARGEST, Flag, Name, NotNegative, Positive, Section, number, refusal, validate
 
 LONGEST = 32_768
 """Maximum length of a message [bytes]."""
 Key = Annotated[int, Field(strict=True, ge=0, le=2**53)]
 Rate = Annotated[float, number(least=0, most=1e6, unit="Hz")]
+Signed = Annotated[float, number(least=-LARGEST)]
 Coordinate = Annotated[float, number(least=-1e6, most=1e6)]
 
 
@@ -30,7 +31,8 @@ Form = Annotated[str, Field(strict=True, max_length=64), AfterValidator(_known)]
 class View(Section):
     """Selection and edits that the page shows; None: as in the file.
 
-    gains        of a joint by name, of a robot as name of joint → {kp, kd}, or what its controller has
+    gains        of a joint by name, those of filters as biquads.0.zero_damping; of a robot as name of joint → {kp, kd}, or what its
+                 controller has
     point        of the plane of the gain map, of the joint that it shows; it goes before gains
     delay_ms     of the drives
     stiffness    of the gearbox [N m/rad]; of a robot a factor on all of them
@@ -41,7 +43,7 @@ class View(Section):
     angles       of a robot's joints that stand otherwise than in its posture [rad, m]
     """
 
-    gains: dict[Name, NotNegative | dict[Name, NotNegative]] = Field(default_factory=dict, max_length=200)
+    gains: dict[Name, Signed | dict[Name, NotNegative]] = Field(default_factory=dict, max_length=200)
     point: tuple[NotNegative, NotNegative] | None = None
     delay_ms: NotNegative | None = None
     stiffness: Positive | None = None

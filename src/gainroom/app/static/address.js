@@ -17,8 +17,10 @@ export function fromAddress(opening) {
     } else if (["posture", "contact", "joint", "payload_at"].includes(name)) {
       const list = { posture: opening.postures, contact: opening.contacts, joint: opening.channels, payload_at: opening.carriers }[/** @type {"joint"} */ (name)];
       if (robot && list.includes(text)) view[name] = text;
-    } else if (!robot && name in view.gains && known && value >= 0) view.gains[name] = value;
-    else if (typeof view[name] === "number" && known) view[name] = value;
+    } else if (!robot && name in view.gains) {
+      const { least } = opening.gains.find((/** @type {any} */ gain) => gain.name === name);
+      if (known && (least === null || value >= least)) view.gains[name] = value;
+    } else if (typeof view[name] === "number" && known) view[name] = value;
   }
   return view;
 }

@@ -129,6 +129,7 @@ function open(opening) {
     Object.assign(page, { view: fromAddress(opening), ranges: opening.ranges });
     map = new GainMap(/** @type {HTMLElement} */ (document.querySelector("#map .plot")), (point, final) => { page.view.point = point; look(final); }, gesture);
     if (opening.kind !== "robot") map.names = opening.axes;
+    if (opening.map_of) by("map").querySelector("small").textContent = `of ${opening.map_of}`;
     map.points.ghost = opening.point || null;
     if (opening.units) map.units = opening.units;
     if (opening.uncertain.length) Object.assign(map, { blue: "every requirement met", sure: "Areas: nominal values. The worst case of the stated ranges allows less; verdict and ★ are of the worst case. " });
@@ -161,8 +162,8 @@ function intoSight() {
 
 /** @param {number} [wide] */
 function refit(wide = 1.6) {
-  const points = [map.points.dot, map.points.star || map.points.ghost].filter((each) => each !== null);
-  map.window = [0, 1].map((k) => wide * Math.max(...points.map((/** @type {any} */ each) => each[k]), 1e-6));
+  const points = [map.points.dot, map.points.star || map.points.ghost, map.points.rule].filter((each) => each !== null).slice(0, 2);
+  map.window = !points.length ? page.opening.window : [0, 1].map((k) => wide * Math.max(...points.map((/** @type {any} */ each) => each[k]), 1e-6));
   look(true, { window: map.window });
 }
 

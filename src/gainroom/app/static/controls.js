@@ -44,19 +44,26 @@ export class Controls {
     this.fields.dataset.of = key;
     this.fields.replaceChildren();
     this.ofGains = own.map((/** @type {any} */ gain) => {
-      const input = made("input");
-      this.fields.append(made("label", {}, `${gain.name} [${gain.unit || "–"}]`, input));
-      return this.typed(input, `gain-${gain.name}`, gain.name, true, () => this.gains[gain.name], (value) => { delete this.page.view.point; this.gains[gain.name] = value; });
+      const input = made("input"), now = () => this.gains[gain.name], put = (/** @type {number} */ value) => { delete this.page.view.point; this.gains[gain.name] = value; };
+      const title = gain.title || gain.name, label = made("label", {}, `${title} [${gain.unit || "–"}]`, input);
+      this.fields.append(label);
+      const shown = [this.typed(input, `gain-${gain.name}`, title, gain.least === undefined ? 0 : gain.least, now, put)];
+      if (gain.ends) {
+        const { slide, show } = this.slide(`slide-${gain.name}`, title, gain.unit, gain.ends, now, put);
+        label.append(slide);
+        shown.push(show);
+      }
+      return () => { for (const each of shown) each(); };
     });
   }
 
-  /** A number that is typed; what is none, or too small, is put back. @param {HTMLInputElement} input @param {string} id @param {string} title @param {boolean} zero @param {() => number} now @param {(value: number) => void} put */
-  typed(input, id, title, zero, now, put) {
-    Object.assign(input, { type: "number", min: "0", step: "any", id });
+  /** A number that is typed; what is none, or too small, is put back. @param {HTMLInputElement} input @param {string} id @param {string} title @param {number | null} least null: any @param {() => number} now @param {(value: number) => void} put @param {boolean} [above] not `least` itself */
+  typed(input, id, title, least, now, put, above = false) {
+    Object.assign(input, { type: "number", min: least === null ? "" : String(least), step: "any", id });
     const show = () => { input.value = Number.isFinite(now()) ? String(Number(now().toPrecision(7))) : ""; };
     input.addEventListener("change", () => {
       const value = input.value === "" ? NaN : Number(input.value);
-      if (!(zero ? value >= 0 : value > 0)) { toast(`${title}: a number ${zero ? "from" : "above"} 0`); show(); return; }
+      if (Number.isNaN(value) || (least !== null && (above ? value <= least : value < least))) { toast(`${title}: a number${least === null ? "" : ` ${above ? "above" : "from"} ${least}`}`); show(); return; }
       this.does.gesture(true);
       put(value);
       this.does.show();
@@ -65,27 +72,35 @@ export class Controls {
     return () => { if (document.activeElement !== input) show(); };
   }
 
-  /** Even steps from 0, factors from elsewhere; `endless`: the last step, and 0 typed, are no rate at all. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high @param {boolean} endless */
+  /** A slider: even steps from 0 or below, else factors; `endless`: its last step stands for 0. @param {string} id @param {string} title @param {string} unit @param {number[]} ends @param {() => number} now @param {(value: number) => void} put @param {{ endless?: boolean, digits?: number }} [more] */
+  slide(id, title, unit, ends, now, put, { endless = false, digits = 4 } = {}) {
+    const { page, does } = this, slide = made("input"), even = ends[0] <= 0;
+    Object.assign(slide, { type: "range", min: even ? ends[0] : Math.log10(ends[0]), max: even ? ends[1] : Math.log10(ends[1]), step: even ? (ends[1] - ends[0]) / 1000 : 0.005, id });
+    slide.setAttribute("aria-label", title);
+    const [least, most] = [Number(slide.min), Number(slide.max)];
+    const value = () => endless && slide.value === slide.max ? 0 : Number((even ? Number(slide.value) : 10 ** Number(slide.value)).toPrecision(digits));
+    slide.addEventListener("input", () => { if (!page.dragging) does.gesture(true); put(value()); does.show(); does.look(false); });
+    slide.addEventListener("change", () => { does.gesture(false); put(value()); does.look(true); });
+    const show = () => {
+      const at = now(), place = endless && !at ? most : even ? at : at > 0 ? Math.log10(at) : least;
+      if (!page.dragging) Object.assign(slide, { min: Math.min(least, place), max: Math.max(most, place) }); // what is typed may lie further out
+      slide.value = String(place);
+      slide.setAttribute("aria-valuetext", endless && !at ? "continuous time" : `${number(at)} ${unit}`);
+    };
+    return { slide, show };
+  }
+
+  /** A slider from `low` to `high`, beside a field where it is typed; `endless`: the last step, and 0 typed, are no rate at all. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high @param {boolean} endless */
   slider(name, title, unit, low, high, endless = false) {
-    const { page, does } = this, rate = name === "sample_rate_hz", own = page.opening.view[name] === 0 && rate ? 1000 : page.opening.view[name];
+    const { page } = this, rate = name === "sample_rate_hz", own = page.opening.view[name] === 0 && rate ? 1000 : page.opening.view[name];
     if (own === null) return;
-    const input = made("input"), even = low === 0;
-    Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? high / 1000 : 0.005, id: name });
-    const typed = made("input"), range = made("small"), [least, most] = [Number(input.min), Number(input.max)];
-    input.setAttribute("aria-label", title);
-    this.place.append(made("label", {}, `${title} [${unit}]`, typed, input, range));
+    const now = () => page.view[name], put = (/** @type {number} */ value) => { page.view[name] = value; };
+    const typed = made("input"), range = made("small"), { slide, show } = this.slide(name, title, unit, low === 0 ? [0, high] : [low * own, high * own], now, put, { endless, digits: rate ? 2 : 4 });
+    this.place.append(made("label", {}, `${title} [${unit}]`, typed, slide, range));
     this.shown.push(() => { const span = page.ranges[name]; range.textContent = span ? `range ${number(span[0])} … ${number(span[1])} ${unit}` : ""; });
     if (endless) typed.placeholder = "∞";
-    this.shown.push(this.typed(typed, `${name}-typed`, endless ? `${title}, 0: continuous time` : title, even || endless, () => page.view[name] || (endless ? NaN : 0), (value) => { page.view[name] = value; }));
-    const value = () => endless && input.value === input.max ? 0 : Number((even ? Number(input.value) : 10 ** Number(input.value)).toPrecision(rate ? 2 : 4));
-    input.addEventListener("input", () => { if (!page.dragging) does.gesture(true); page.view[name] = value(); does.show(); does.look(false); });
-    input.addEventListener("change", () => { does.gesture(false); page.view[name] = value(); does.look(true); });
-    this.shown.push(() => {
-      const at = page.view[name], place = endless && !at ? most : even ? at : Math.log10(at);
-      if (!page.dragging) Object.assign(input, { min: Math.min(least, place), max: Math.max(most, place) }); // what is typed may lie further out
-      input.value = String(place);
-      input.setAttribute("aria-valuetext", endless && !at ? "continuous time" : `${number(at)} ${unit}`);
-    });
+    this.shown.push(this.typed(typed, `${name}-typed`, endless ? `${title}, 0: continuous time` : title, 0, () => now() || (endless ? NaN : 0), put, !(low === 0 || endless)));
+    this.shown.push(show);
   }
 
   /** @param {string} name @param {string} title @param {string[]} options */
