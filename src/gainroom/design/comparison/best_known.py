@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,9 @@ FUNCTIONS = 80  # per sensor
 POLES = (0.0, 0.8, 0.93, 0.98, 0.995)  # in turn, and then of every resonance
 RADII = (0.97, 0.995)  # of pairs of poles at the frequency of a resonance
 RESONANT = 0.9  # radius beyond which a pole of the joint is one
-POINTS = 2**13  # of half a circle, on which a result is judged
+POINTS = 2**15  # of half a circle, on which a result is judged: 50 of them within the width of the sharpest pole of Q
 ROUNDS = 12  # of adding points where a ceiling is exceeded
-INSIDE = 2e-3  # relative: how far below its ceilings a result is sought, so that none is exceeded between the points that are held
+INSIDE = 2e-3  # relative: how far below its ceilings a result is sought, so that none is exceeded between points
 ENDED = ("Solved", "AlmostSolved", "InsufficientProgress")  # where the solver has a point, which is judged by what it reaches
 HELD = 2e-3  # relative: of the objective between the points that are held
 
@@ -108,6 +109,14 @@ class _Programme:
         scaled = one.free[held] * self.columns
         return (scaled[:, :, None] * self.basis[held][:, None, :]).reshape(len(scaled), -1)
 
+    @cached_property
+    def _noise(self) -> Floats:
+        """Rows (k, sensors · FUNCTIONS + 1) whose product with (coefficients, 1) has the norm of the torque noise: as few as unknowns."""
+        linear = np.concatenate([self._linear(one, slice(None)) for one in self.noises]) / math.sqrt(POINTS)
+        fixed = np.concatenate([one.fixed for one in self.noises]) / math.sqrt(POINTS)
+        both = np.column_stack([np.vstack([linear.real, linear.imag]), np.concatenate([fixed.real, fixed.imag])])
+        return np.asarray(np.linalg.qr(both, mode="r"))
+
     def solved(self, held: Integers) -> tuple[Complexes, float]:
         """Q (POINTS, sensors) of the least peak at the points `held` with all ceilings kept there, and that peak in units of `unit`."""
         import scipy.sparse
@@ -128,10 +137,7 @@ class _Programme:
             right.append(side.ravel())
             cones += [clarabel.SecondOrderConeT(3)] * len(held)
         if self.noises:
-            linear = np.concatenate([self._linear(one, slice(None)) for one in self.noises]) / math.sqrt(POINTS)
-            fixed = np.concatenate([one.fixed for one in self.noises]) / math.sqrt(POINTS)
-            both = np.column_stack([np.vstack([linear.real, linear.imag]), np.concatenate([fixed.real, fixed.imag])])
-            short: Any = np.linalg.qr(both, mode="r")  # the same norm in as many rows as there are unknowns
+            short = self._noise
             rows.append(np.vstack([np.zeros((1, unknowns + 1)), np.column_stack([-short[:, :-1], np.zeros(len(short))])]))
             right.append(np.concatenate([[1.0], short[:, -1]]))
             cones.append(clarabel.SecondOrderConeT(len(short) + 1))
@@ -143,7 +149,7 @@ class _Programme:
         table = scipy.sparse.csc_matrix(np.vstack(rows))
         solution = clarabel.DefaultSolver(nothing, cost, table, np.concatenate(right), cones, settings).solve()
         if str(solution.status) not in ENDED:
-            raise GainroomError(f"the cone programme of the best controller ended as {solution.status}")
+            raise GainroomError(f"no controller was found that keeps the ceilings; the cone programme ended as {solution.status}")
         found = np.array(solution.x)
         coefficients = found[:-1].reshape(len(self.columns), FUNCTIONS) * self.columns[:, None]
         return self.basis @ coefficients.T, float(found[-1])
@@ -183,16 +189,17 @@ def _poles(joint: ExactJoint) -> list[complex]:
 
 
 def _basis(z: Complexes, poles: Sequence[complex]) -> Complexes:
-    """Stable functions (k, FUNCTIONS) at z (k,), of unit norm and nearly orthogonal, the first of them constant."""
+    """Stable functions (k, FUNCTIONS) at z (k,), of norms near 1 and nearly orthogonal, the first of them constant."""
     found, product = [np.ones_like(z)], np.ones_like(z)
     for pole in itertools.cycle(poles):
         if len(found) >= FUNCTIONS:
             break
         denominator, image = z - pole, 1 - np.conj(pole) * z
+        size = math.sqrt(1 - abs(pole) ** 2)
         if np.imag(pole):
             denominator, image = denominator * (z - np.conj(pole)), image * (1 - pole * z)
-            found.append(product * z / denominator)
-        found.append(product / denominator)
+            size *= math.sqrt(2) * abs(np.imag(pole))  # of either of the two, where the pole is near the circle
+            found.append(size * product * z / denominator)
+        found.append(size * product / denominator)
         product = product * image / denominator
-    basis = np.array(found[:FUNCTIONS]).T
-    return basis / np.sqrt((np.abs(basis) ** 2).mean(axis=0))
+    return np.array(found[:FUNCTIONS]).T
