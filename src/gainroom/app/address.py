@@ -8,7 +8,7 @@ from ..io.validation import validate
 from .messages import View
 
 NUMBERS = ("delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "payload")
-NAMES = ("posture", "contact", "joint", "payload_at")
+NAMES = ("structure", "posture", "contact", "joint", "payload_at")
 
 
 def view_of(text: str) -> View:

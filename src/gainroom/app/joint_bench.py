@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..files.edited_text import Keys, edited, written
+from ..files.edited_text import Keys, edited, plain, written
 from ..files.export_forms import pasted_gains
 from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
@@ -35,7 +35,8 @@ from .bench import Opened, Part, Remembered, advised, drawn_line, drawn_response
 from .edits import at_point, conditions, form_titles, gain_of, other_formats_hold, put, ranges, timing
 from .messages import View
 from .shaken import shaken
-from .tunables import tunables
+from .structures import Structure, Structures
+from .tunables import Tunable
 
 SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
 """Fields of a JointStudy that are the same for all gains in their plane."""
@@ -49,9 +50,8 @@ class JointBench:
 
     def __init__(self, opened: Opened) -> None:
         self.opened = opened
-        self._system = parse_joint(opened.text, opened.source)
-        self._data = parse_yaml(opened.text, opened.source)
-        self._tunables = tunables(self._system, self._data["control"])
+        self._structures = Structures(opened.text, opened.source)
+        self._system = self._structures.own.system
         study = _nominal(self._system)
         self._span = sweep_span(study)
         self._window = map_window(study)
@@ -68,17 +68,15 @@ class JointBench:
             "kind": "joint",
             "name": self.opened.source,
             "saves": self.opened.path is not None,
-            "gains": [one.described() for one in self._tunables],
-            "map_of": "" if controller.has_plane else f"a plain PD: {controller.kind} has no such plane, and is moved by its sliders",
-            "axes": controller.plane_names,
+            "structures": self._structures.described(),
             "point": controller.plane_gains() if controller.has_plane else None,
             "window": self._window,
             "span_hz": [end / (2 * math.pi) for end in self._span],
             "sampled": not system.control.sampling_in_delay,
             "asks_rate": not (system.control.sampling_in_delay or system.control.continuous),
-            "continuous": "delay_ticks" not in self._data["drive"],
+            "continuous": "delay_ticks" not in self._structures.own.data["drive"],
             "view": {
-                "gains": {one.name: one.value for one in self._tunables},
+                "gains": {one.name: one.value for one in self._structures.own.tunables},
                 "delay_ms": 1e3 * system.delay,
                 "stiffness": joint.stiffness if math.isfinite(joint.stiffness) else None,
                 "link_inertia": joint.link_inertia if math.isfinite(joint.link_inertia) else None,
@@ -91,13 +89,16 @@ class JointBench:
         }
 
     def text(self, view: View) -> str:
-        return edited(self.opened.text, self.opened.source, self._values(view))
+        return edited(self._structure(view).text, self.opened.source, self._values(view))
 
     def copied(self, view: View, form: str) -> str:
         study = _nominal(self.system(view))
         controller = study.system.control.controller
         if form == "yaml":
-            lines = [*joint_gains(controller), *self._other_lines(view)]
+            if view.structure:
+                lines = [f"{name}: {plain(value)}" for name, value in self._control(view).items()]
+            else:
+                lines = [*joint_gains(controller), *self._other_lines(view)]
             return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in lines)
         gain = gain_of(controller, form)
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
@@ -107,13 +108,20 @@ class JointBench:
         rate = study.system.control.sample_time
         return pasted_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate, self._control(view))
 
+    def _structure(self, view: View) -> Structure:
+        """Structure of the view's controller."""
+        return self._structures.of(view.structure)
+
+    def _tunables(self, view: View) -> list[Tunable]:
+        return self._structure(view).tunables
+
     def _control(self, view: View) -> Mapping[str, Any]:
         """Section `control` of the edited file."""
         return parse_yaml(self.text(view), self.opened.source)["control"]
 
     def _other_lines(self, view: View) -> list[str]:
         """Lines of `control` with numbers that are no gains, such as those of filters."""
-        control, names = self._control(view), dict.fromkeys(str(one.path[0]) for one in self._tunables if not one.field)
+        control, names = self._control(view), dict.fromkeys(str(one.path[0]) for one in self._tunables(view) if not one.field)
         return [f"{name}: {written(control[name])}" for name in names]
 
     def mesh(self, place: int) -> bytes | None:
@@ -138,7 +146,7 @@ class JointBench:
         study, plant = _nominal(system), self.plant(view)
         uncertain = bool(system.uncertainty.names)
         more = {"plant": plant, "ranges": ranges(system.uncertainty)}
-        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study) | more
+        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study, view) | more
         yield "bode", bode(study, self._span)
         if plant != known:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
@@ -158,11 +166,11 @@ class JointBench:
         study = JointStudy(system, analyze(system).every)
         vars(study).update(recommended=None, exact=None)
         if system.uncertainty.names:
-            yield "verdict", _verdict(study, "certified") | self._gains(study)  # before recommended gains, which take longer
+            yield "verdict", _verdict(study, "certified") | self._gains(study, view)  # before recommended gains, which take longer
         progress(1, 2, "recommended gains")
         study = self._study(view)
         use = joint_to_use(study, self.opened.call("joint"))
-        yield "verdict", _verdict(study, "certified") | self._gains(study)
+        yield "verdict", _verdict(study, "certified") | self._gains(study, view)
         best = study.recommended
         if type(study.template) is not type(system.control.controller):  # gains of another type are no gains of this file's controller
             best = None
@@ -184,10 +192,10 @@ class JointBench:
     def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
         yield from shaken(parse_simulation(self.text(view), self.opened.source), progress)
 
-    def _gains(self, study: JointStudy) -> dict[str, Any]:
+    def _gains(self, study: JointStudy, view: View) -> dict[str, Any]:
         controller = study.system.control.controller
         point = controller.plane_gains() if controller.has_plane else None
-        return {"gains": {one.name: float(getattr(controller, one.field)) for one in self._tunables if one.field}, "point": point}
+        return {"gains": {one.name: float(getattr(controller, one.field)) for one in self._tunables(view) if one.field}, "point": point}
 
     def _study(self, view: View) -> JointStudy:
         """Study of the view, cached; the recommendation of a PD does not depend on its gains, and is looked up."""
@@ -209,19 +217,23 @@ class JointBench:
 
     def plant(self, view: View) -> str:
         """Key of the gain map: everything except the gains in its plane."""
-        controller = self._controller(view, self._system.control.controller)
+        controller = self._controller(view, self._structure(view).system.control.controller)
         held = controller.from_plane(1.0, 1.0) if controller.has_plane else controller
-        return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, self._other_numbers(view), held))
+        return repr(
+            (view.structure, view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, self._other_numbers(view), held)
+        )
 
     def _other_numbers(self, view: View) -> dict[str, Any]:
         """Numbers of the view that are no gains, such as those of filters, where they are not the file's."""
         return {
-            one.name: view.gains[one.name] for one in self._tunables if not one.field and view.gains.get(one.name, one.value) != one.value
+            one.name: view.gains[one.name]
+            for one in self._tunables(view)
+            if not one.field and view.gains.get(one.name, one.value) != one.value
         }
 
     def _controller(self, view: View, own: Controller) -> Controller:
         """The file's controller `own` with the view's gains; a point of the plane takes precedence."""
-        known = {one.name: one for one in self._tunables}
+        known = {one.name: one for one in self._tunables(view)}
         if strange := view.gains.keys() - known.keys():
             raise GainroomError(f"gains: {min(strange)} is not a gain of this controller, which has {', '.join(known)}")
         for name, value in view.gains.items():
@@ -234,10 +246,11 @@ class JointBench:
 
     def _values(self, view: View) -> Mapping[Keys, Any]:
         """Changes of the file by the view, by key."""
-        data, changes = self._data, timing(self._data, self._system.delay, view)
-        controller = self._controller(view, self._system.control.controller)
+        structure = self._structure(view)
+        data, changes = structure.data, timing(structure.data, structure.system.delay, view)
+        controller = self._controller(view, structure.system.control.controller)
         others = self._other_numbers(view)
-        for one in self._tunables:
+        for one in structure.tunables:
             value = float(getattr(controller, one.field)) if one.field else others.get(one.name, one.value)
             if value != one.value:
                 changes["control", *one.path] = value

@@ -38,6 +38,7 @@ class View(Section):
     stiffness    of the gearbox [N m/rad]; of a robot a factor on all of them
     link_inertia of a joint [kg m²]
     sample_rate_hz   0: continuous
+    structure    of a joint's controller, as named by structures.TITLES
     payload      of a robot [kg], in all, at the origin of the frame payload_at
     posture, contact, joint   of a robot
     angles       of a robot's joints that stand otherwise than in its posture [rad, m]
@@ -49,6 +50,7 @@ class View(Section):
     stiffness: Positive | None = None
     link_inertia: Positive | None = None
     sample_rate_hz: Rate | None = None
+    structure: Name | None = None
     payload: NotNegative | None = None
     payload_at: Name | None = None
     posture: Name | None = None

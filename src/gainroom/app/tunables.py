@@ -14,6 +14,8 @@ WIDE = 10.0
 """Factor by which a slider goes beyond the file's value, and below it where it cannot be 0."""
 BELOW_HALF = 0.98
 """Highest frequency of a filter's slider as part of half the sample rate, below which files must have it."""
+FARTHER = {"nominal_inertia": 300.0, "bandwidth": 3000.0}
+"""Factors by which sliders go beyond the values of a disturbance observer, which may start without effect."""
 FROM_ZERO = {"zero_damping": 2.0, "depth": 1.0}
 """Numbers of filters that may be 0, with the least end of their sliders."""
 FILTERS = {"velocity_filter": "velocity filter", "notches": "notch", "biquads": "biquad"}
@@ -67,7 +69,9 @@ def _gains(system: System, control: Mapping[str, Any]) -> Iterator[Tunable]:
         elif keys[name].signed:
             most = max({"kstau": 0.1}.get(name, 1.0), 2 * abs(value))
             ends = (-most, most)
-        elif keys[name].positive or not keys[name].scales:
+        elif name in FARTHER:  # a new observer is slow, and takes the motor to be alone
+            ends = (given / WIDE, given * FARTHER[name])
+        elif keys[name].positive:
             ends = (given / WIDE, given * WIDE)
         else:  # kd and ki: the number of kp over a tenth of a second
             ends = (0.0, max(2.5 * value, {"kd": 0.1, "ki": 10.0}.get(name, 0.0) * kp, 2.0 if name == "gain" else 0.0))

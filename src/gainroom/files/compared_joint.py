@@ -1,7 +1,5 @@
 """Text of a joint.yaml with the controller that a comparison found, the limits that it was held to, and the box that it holds."""
 
-import re
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..io.as_typed import as_typed
@@ -10,7 +8,7 @@ from ..system.controller import Compensator, type_of
 from ..system.filters import FILTERS
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .edited_text import edited, quoted, written
+from .edited_text import edited, plain, with_section
 from .joint_yaml import parse_comparison
 from .law_section import law_written
 
@@ -23,7 +21,7 @@ def compared_text(found: Comparison, row: Row, text: str, source: str, version: 
     assert row.controller is not None
     result = text
     for key, section in (("control", control_section(row.controller)), ("limits", _limits(found, row))):
-        result = edited(result, source, {(key,): section}, _as_block if _is_block(text, key) else plain)
+        result = with_section(result, source, key, section)
     boxed = found.system.uncertainty
     if not parse_comparison(text, source)[0].uncertainty.names:
         keys = {name: UNITS.get(name, (name, 1.0)) for name in boxed.names}
@@ -32,11 +30,6 @@ def compared_text(found: Comparison, row: Row, text: str, source: str, version: 
     head = f"# Controller {row.structure}, found by gainroom compare {version}: the stiffest that keeps these limits in this box.\n"
     parse_comparison(head + result, "the joint.yaml to be written")
     return head + result
-
-
-def _is_block(text: str, key: str) -> bool:
-    """True if a section of the YAML `text` has its keys on lines of their own, two spaces in."""
-    return re.search(rf"^{key}:[ \t]*(#.*)?\n  \w", text, re.MULTILINE) is not None
 
 
 def control_section(system: System) -> dict[str, Any]:
@@ -80,19 +73,3 @@ def _limits(found: Comparison, row: Row) -> dict[str, float]:
         if worst is not None and asked.met(one.name, one.value(worst)):
             kept[one.key] = as_typed(one.in_unit(needed))
     return {**kept, REQUIREMENTS["peak_sensitivity"].key: found.ceilings.peak_sensitivity}
-
-
-def _as_block(section: Mapping[str, Any]) -> str:
-    """Section with a key per line, two spaces in but for the first."""
-    return "\n  ".join(f"{key}: {plain(value)}" for key, value in section.items())
-
-
-def plain(value: Any) -> str:
-    """Value in YAML's flow style, with words as they are."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{quoted(name)}: {plain(each)}" for name, each in value.items()) + "}"
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(map(plain, value)) + "]"
-    return written(value)

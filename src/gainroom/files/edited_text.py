@@ -26,6 +26,11 @@ def edited(text: str, source: str, values: Mapping[Keys, Any], as_text: Callable
     return text
 
 
+def with_section(text: str, source: str, key: str, section: Mapping[str, Any]) -> str:
+    """Text with another section under a key of the top level, in lines of its own where the one before had such. Raises as `edited`."""
+    return edited(text, source, {(key,): section}, _as_block if _is_block(text, key) else plain)
+
+
 def written(value: Any) -> str:
     """Value in YAML's flow style: numbers, lists of them, mappings of names to them, None as null; numbers are read back exactly."""
     if value is None:
@@ -42,10 +47,31 @@ def written(value: Any) -> str:
     return repr(number).removesuffix(".0") if abs(number) < 1e15 else repr(number)
 
 
+def plain(value: Any) -> str:
+    """Value in YAML's flow style, with words as they are."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{quoted(name)}: {plain(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(plain, value)) + "]"
+    return written(value)
+
+
 def quoted(name: str | int) -> str:
     """Key in YAML, quoted where necessary."""
     name = str(name)
     return name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) else "'" + name.replace("'", "''") + "'"
+
+
+def _is_block(text: str, key: str) -> bool:
+    """True if a section of the YAML `text` has its keys on lines of their own, two spaces in."""
+    return re.search(rf"^{key}:[ \t]*(#.*)?\n  \w", text, re.MULTILINE) is not None
+
+
+def _as_block(section: Mapping[str, Any]) -> str:
+    """Section with a key per line, two spaces in but for the first."""
+    return "\n  ".join(f"{key}: {plain(value)}" for key, value in section.items())
 
 
 def _with(text: str, source: str, path: Keys, value: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 
 from ..design.comparison.objective import Objective
 from ..errors import listed
-from ..files.compared_joint import control_section, plain
+from ..files.compared_joint import control_section
+from ..files.edited_text import plain
 from ..studies.comparison import Comparison, ComparisonSettings, Row
 from ..system.controller import type_of
 from ..system.requirements import Requirements

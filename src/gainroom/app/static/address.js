@@ -3,8 +3,10 @@
 
 /** @param {any} opening @returns {any} */
 export function fromAddress(opening) {
-  const view = structuredClone(opening.view), robot = opening.kind === "robot";
-  for (const [name, text] of new URLSearchParams(location.hash.slice(1))) {
+  const view = structuredClone(opening.view), robot = opening.kind === "robot", words = new URLSearchParams(location.hash.slice(1)), structure = words.get("structure");
+  const other = !robot && structure && opening.structures[structure];
+  if (other && !other.refused) Object.assign(view, { structure, gains: Object.fromEntries(other.gains.map((/** @type {any} */ gain) => [gain.name, gain.value])) });
+  for (const [name, text] of words) {
     const value = Number(text), known = text !== "" && Number.isFinite(value);
     if (robot && name.startsWith("gain.")) {
       const joint = name.slice(5), own = view.gains[joint] || {};
@@ -18,7 +20,7 @@ export function fromAddress(opening) {
       const list = { posture: opening.postures, contact: opening.contacts, joint: opening.channels, payload_at: opening.carriers }[/** @type {"joint"} */ (name)];
       if (robot && list.includes(text)) view[name] = text;
     } else if (!robot && name in view.gains) {
-      const { least } = opening.gains.find((/** @type {any} */ gain) => gain.name === name);
+      const { least } = opening.structures[view.structure || ""].gains.find((/** @type {any} */ gain) => gain.name === name);
       if (known && (least === null || value >= least)) view.gains[name] = value;
     } else if (typeof view[name] === "number" && known) view[name] = value;
   }

@@ -128,8 +128,6 @@ function open(opening) {
   if (first) {
     Object.assign(page, { view: fromAddress(opening), ranges: opening.ranges });
     map = new GainMap(/** @type {HTMLElement} */ (document.querySelector("#map .plot")), (point, final) => { page.view.point = point; look(final); }, gesture);
-    if (opening.kind !== "robot") map.names = opening.axes;
-    if (opening.map_of) by("map").querySelector("small").textContent = `of ${opening.map_of}`;
     map.points.ghost = opening.point || null;
     if (opening.units) map.units = opening.units;
     if (opening.uncertain.length) Object.assign(map, { blue: "every requirement met", sure: "Areas: nominal values. The worst case of the stated ranges allows less; verdict and ★ are of the worst case. " });
@@ -190,6 +188,11 @@ function robot() {
 
 function show() {
   inputs.show();
+  if (page.opening.kind !== "robot") {
+    const { axes, map_of } = page.opening.structures[page.view.structure || ""];
+    map.names = axes;
+    by("map").querySelector("small").textContent = map_of ? `of ${map_of}` : "drag the dot; arrow keys move it";
+  }
   if (states) states.show();
   star();
 }
@@ -237,7 +240,7 @@ function verdict(part) {
     if (page.final) toAddress(page.opening, page.view);
     show();
   }
-  if (part.point && !map.dragging) map.points.dot = part.point;
+  if ("point" in part && !map.dragging) map.points.dot = part.point;
   if (!map.dragging) map.drawDot();
   if (part.lane !== "quick") page.judged = part.key;
   if (part.lane !== "quick" || part.key !== page.judged) sentences(part, current); // a quick answer may come behind the full one

@@ -19,8 +19,9 @@ export class Controls {
     /** @type {(() => void)[]} */ this.shown = [];
     /** @type {(() => void)[]} */ this.ofGains = [];
     this.fields = made("span", { id: "gains" });
-    this.place.append(this.fields);
     const { opening } = page, robot = opening.kind === "robot";
+    if (!robot) this.structure(opening.structures);
+    this.place.append(this.fields);
     this.slider("delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms));
     this.slider("stiffness", "stiffness", robot ? "×" : "N·m/rad", 0.1, 10);
     this.slider("link_inertia", "load", "kg·m²", 0.05, 20);
@@ -37,9 +38,25 @@ export class Controls {
     for (const each of [...this.shown, ...this.ofGains]) each();
   }
 
+  /** Another controller in the place of the file's, with the same numbers where it has them. @param {Record<string, any>} all */
+  structure(all) {
+    const { page, does } = this, select = made("select", { id: "structure" }, ...Object.entries(all).map(([key, each]) => new Option(each.title, key)));
+    select.onchange = () => {
+      const to = all[select.value];
+      if (to.refused) { toast(to.refused); does.show(); return; }
+      does.gesture(true);
+      delete page.view.point;
+      Object.assign(page.view, { structure: select.value || null, gains: Object.fromEntries(to.gains.map((/** @type {any} */ gain) => [gain.name, page.view.gains[gain.name] ?? gain.value])) });
+      does.show();
+      does.look(true);
+    };
+    this.place.append(made("label", {}, "structure", made("output"), select));
+    this.shown.push(() => { select.value = page.view.structure || ""; });
+  }
+
   /** An input for each gain; those of one joint or direction may be others than those of the next. */
   inputs() {
-    const { opening, view } = this.page, own = opening.kind === "robot" ? opening.gains[view.joint] : opening.gains, key = JSON.stringify(own);
+    const { opening, view } = this.page, own = opening.kind === "robot" ? opening.gains[view.joint] : opening.structures[view.structure || ""].gains, key = JSON.stringify(own);
     if (this.fields.dataset.of === key) return;
     this.fields.dataset.of = key;
     this.fields.replaceChildren();
