@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 import gainroom as gr
-from compared_joints import bench, ceilings, fig9, knee, nominal
+from compared_joints import bench, ceilings, fig9, joint, knee, nominal
 from gainroom.design.comparison.catalogue import structure_of
 from gainroom.design.comparison.closed_loop import curves, is_stable
 from gainroom.design.comparison.observers import riccati
@@ -16,9 +16,9 @@ from gainroom.errors import GainroomError
 KEYS = ("pd", "pid", "pd+biquad", "pid+2biquads", "torque_feedback", "dob", "observer")
 
 
-def random_vectors(key, count, seed):
-    """A structure on the joint of figure 9, with coordinates in the box where its search starts."""
-    system = fig9()
+def random_vectors(key, count, seed, system=None):
+    """A structure on a joint, by default that of figure 9, with coordinates in the box where its search starts."""
+    system = fig9() if system is None else system
     structure = structure_of(key).scaled_to(system, gr.GainPath(1e-4, 5e-5))
     low, high = structure.box
     return system, structure, low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
@@ -28,26 +28,31 @@ def random_vectors(key, count, seed):
 def test_the_law_that_is_searched_is_the_controller_that_is_found(key):
     """Its loop as build_loop makes it has the same return ratio; round-off of sampled plants, found in two ways, is 1e-9 of it."""
     system, structure, x = random_vectors(key, 5, 1)
-    joint = nominal(system)
+    at = nominal(system)
     omega = np.geomspace(1.0, 6000.0, 60)
-    found = curves(structure, x, joint, joint.at(omega), ceilings(system))
+    found = curves(structure, x, at, at.at(omega), ceilings(system))
     for row in range(len(x)):
         loop = structure.system(x[row], system, gr.GainPath(1e-4, 5e-5)).loop()
         np.testing.assert_allclose(found.returned[row], loop.response(omega), rtol=1e-7)
 
 
+@pytest.mark.parametrize("system", [fig9(), joint(0.05, 0.3, 2e3, 0.0, 3.3e-3)], ids=["fig9", "undamped"])
 @pytest.mark.parametrize("key", KEYS)
-def test_turns_count_what_roots_count(key):
-    """But for loops so near the edge that the samples miss the pole: |S| is then above 10 beside it, which every ceiling refuses."""
-    system, structure, x = random_vectors(key, 150, 2)
-    joint = nominal(system)
-    omega = joint.grid(3.0)
-    found = curves(structure, x, joint, joint.at(omega), ceilings(system))
-    turned = is_stable(structure, x, joint, omega, found.returned)
-    exact = np.array([gr.is_stable(structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()) for one in x])
+def test_turns_count_what_roots_count(key, system):
+    """An undamped gearbox, at whose resonance L leaps, is no exception.
+
+    But for loops so near the edge that the samples miss the pole: |S| is then above 10 beside it, which every ceiling refuses.
+    """
+    _, structure, x = random_vectors(key, 150, 2, system)
+    one = nominal(system)
+    omega = one.grid(3.0)
+    found = curves(structure, x, one, one.at(omega), ceilings(system))
+    turned = is_stable(structure, x, one.turns(omega), found.returned)
+    exact = np.array([gr.is_stable(structure.system(each, system, gr.GainPath(1e-4, 5e-5)).loop()) for each in x])
     clear = 2 * found.sensitivity.max(axis=1) < 10
     assert np.count_nonzero(clear) > 5
-    assert key in ("torque_feedback", "observer") or 5 < np.count_nonzero(clear & exact) < np.count_nonzero(clear) - 5
+    rare = key in ("torque_feedback", "observer") or system.source.damping == 0
+    assert rare or 5 < np.count_nonzero(clear & exact) < np.count_nonzero(clear) - 5
     np.testing.assert_array_equal(turned[clear], exact[clear])
 
 
@@ -63,6 +68,36 @@ def test_pd_in_the_box_reaches_what_another_search_found(system, worst):
     assert found.delay_reserve >= system.delay / 2 * (1 - 1e-6)
     loop = found.controller.loop()
     assert 1 / gr.dynamic_stiffness(loop).least == pytest.approx(found.objective, rel=2e-3)  # the load held over a tick, or not
+
+
+REACHED = {
+    "fig9": (fig9(), 1.38, {"pd+biquad": 0.41, "dob": 0.70, "split": 0.40, "torque_feedback": 0.27}, {"pd+biquad", "observer"}),
+    "bench": (bench(), 0.142, {"pd+biquad": 1.17, "split": 0.44, "torque_feedback": 0.66}, {"pd+biquad", "observer"}),
+    "knee": (knee(), 3.41, {"pd+biquad": 0.334, "split": 0.355, "torque_feedback": 0.198}, set()),
+}
+"""Joint, torque noise [N m], worst peaks of |q/d| in the box [mrad/(N m)] that a prototype found with another search, and structures that it
+found unstable, or far off, on perturbed joints where they are tuned at the nominal values alone."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REACHED)
+def test_structures_in_the_box_reach_what_another_search_found(name):
+    """At every corner and sample with Ms ≤ 2; the stiffness of the loop that build_loop makes is the one that was searched."""
+    system, noise, reached, fragile = REACHED[name]
+    settings = gr.ComparisonSettings(sensor_noise={"torque": 0.05}, torque_noise=noise)
+    found = gr.compare(system, ["pd", *reached, *sorted(fragile - {*reached})], settings=settings, bound=False)
+    for key, most in reached.items():
+        row = found.row(key)
+        assert row.holds, key
+        assert 1e3 * row.worst <= most, key
+        assert row.worst_margins is not None
+        assert row.worst_margins.peak_sensitivity <= 2 * (1 + 1e-6), key
+        assert row.noise <= noise, key
+        assert row.controller is not None
+        # the load held over a tick or not, and of two rates what lies above half the slower one
+        assert 1 / gr.dynamic_stiffness(row.controller.loop()).least == pytest.approx(row.objective, rel=5e-3), key
+    assert fragile <= {row.structure for row in found.rows if row.fragile is not None and row.fragile.fragile}
+    assert found.leave_pd == (name == "knee")
 
 
 @pytest.mark.slow
@@ -98,10 +133,10 @@ def test_a_loop_without_a_rate_is_refused():
 def test_the_disk_of_delays_is_a_delay_margin():
     """|T||1 − e^(−jωτ)| ≤ 1 and |L| = 1 at a phase margin φ: |T| = 1/(2 sin φ/2), so ωτ ≤ φ."""
     system, structure, x = random_vectors("pd+biquad", 400, 3)
-    joint, limits = nominal(system), ceilings(system)
-    omega = joint.grid(3.0)
-    found = curves(structure, x, joint, joint.at(omega), limits)
-    stable = is_stable(structure, x, joint, omega, found.returned)
+    at, limits = nominal(system), ceilings(system)
+    omega = at.grid(3.0)
+    found = curves(structure, x, at, at.at(omega), limits)
+    stable = is_stable(structure, x, at.turns(omega), found.returned)
     kept = stable & (found.delay.max(axis=1) <= 1) & (2 * found.sensitivity.max(axis=1) < 5)  # no pole that the samples miss
     assert np.count_nonzero(kept) > 10
     for one in x[kept]:

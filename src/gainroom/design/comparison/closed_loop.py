@@ -11,14 +11,13 @@ about 0, from the lowest frequency to half the rate, by as much as the open loop
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ...system.linear.arrays import Booleans, Complexes, Floats
 from .ceilings import Ceilings
 from .exact_joint import SENSORS
-from .joint_responses import Joint, Responses, quadrature, responses
+from .joint_responses import Joint, Responses, Turns, quadrature, responses
 from .objective import Objective
 from .structures import Structure
 
@@ -91,11 +90,11 @@ def _turn(angle: Floats) -> Floats:
     return 2 * np.sin(np.minimum(angle, math.pi) / 2)
 
 
-def is_stable(structure: Structure, x: Floats, joint: Joint, omega: Floats, returned: Complexes) -> Booleans:
-    """True (batch,) where the loop with return ratio `returned` (batch, m) at omega (m,), rising, is stable, by a count of turns."""
-    around = 1 + returned
+def is_stable(structure: Structure, x: Floats, turns: Turns, returned: Complexes) -> Booleans:
+    """True (batch,) where the loop with return ratio `returned` (batch, m), at the frequencies of `turns`, is stable, by a count of turns."""
+    around = (1 + returned) * turns.flat
     turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
-    asked = joint.start_angle(float(omega[0])) + _turns_of_law(structure, x)
+    asked = turns.asked + _turns_of_law(structure, x)
     return np.isfinite(turned) & (np.abs(turned - asked) < SURE)
 
 
@@ -149,6 +148,7 @@ class Corners:
         size = self.omega.shape[1]
         self.sampled = [self.every.part(slice(k * size, (k + 1) * size)) for k in range(len(joints))]
         self.weights = [quadrature(omega) for omega in self.omega]
+        self.turns = [joint.turns(omega) for joint, omega in zip(joints, self.omega, strict=True)]
         self.evaluated = 0
         self._missed = [0] * len(joints)
 
@@ -158,7 +158,7 @@ class Corners:
         self.evaluated += len(x)
         with np.errstate(all="ignore"):
             found = curves(self.structure, x, joint, here, self.ceilings)
-            stable = is_stable(self.structure, x, joint, here.omega, found.returned)
+            stable = is_stable(self.structure, x, self.turns[corner], found.returned)
             objective = np.log(self.objective.value(np.abs(found.compliance), here.omega, weights))
             excess = np.log(np.maximum(found.sensitivity.max(axis=1), found.delay.max(axis=1)))
             if found.noise is not None:
@@ -168,16 +168,8 @@ class Corners:
 
     def are_stable(self, x: Floats, returned: Complexes) -> bool:
         """True if the coordinates x (n,), with return ratio `returned` at all frequencies, are stable at every corner."""
-        if not np.isfinite(returned).all():
-            return False
-        around = (1 + returned).reshape(len(self.joints), -1)
-        turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
-        asked = self._start_angles + _turns_of_law(self.structure, x[None])
-        return bool(np.all(np.abs(turned - asked) < SURE))
-
-    @cached_property
-    def _start_angles(self) -> Floats:
-        return np.array([joint.start_angle(float(omega[0])) for joint, omega in zip(self.joints, self.omega, strict=True)])
+        parts = returned.reshape(len(self.joints), 1, -1)
+        return all(is_stable(self.structure, x[None], turns, part)[0] for turns, part in zip(self.turns, parts, strict=True))
 
     def all(self, x: Floats) -> Merits:
         """Merits over all corners."""

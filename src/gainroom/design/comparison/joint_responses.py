@@ -27,6 +27,8 @@ HOST, DRIVE = "host", "drive"
 LOWEST = 2e-3  # of the slowest of antiresonance and the lag's inverse: there the return ratio is the position gain on the rigid joint
 BUSY = 0.02
 """Share of the lag's inverse from which on loops close and filters act."""
+LIGHT = 0.1
+"""Damping ratio below which a pole of the joint is taken out of a count of turns."""
 SPACING = 0.05
 """Distance of frequencies, in ln, at density 1: a pole with a damping of 0.04 is seen."""
 BESIDE = np.geomspace(2e-3, 0.25, 8)  # relative distances from resonance and antiresonance that are sampled
@@ -55,6 +57,18 @@ class Responses:
         """Responses at some of the frequencies."""
         commands = {path: one[which] for path, one in self.commands.items()}
         return Responses(self.omega[which], commands, self.load[which], {path: one[which] for path, one in self.heard.items()})
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What a count of turns has to know of a joint.
+
+    flat    factor (m,) that takes its lightly damped poles out of 1 + L, where L leaps by half a turn between two frequencies
+    asked   angle [rad] by which (1 + L) · `flat` turns where the closed loop is stable, with a law whose poles are stable
+    """
+
+    flat: Complexes
+    asked: float
 
 
 @dataclass(frozen=True)
@@ -103,7 +117,7 @@ class Joint:
         corners = [one for one in (joint.antiresonance, joint.resonance) if math.isfinite(one)]
         low = LOWEST * min([1 / self.system.lag, *corners])
         beside = BESIDE if density <= 1 else np.geomspace(BESIDE[0] / density, BESIDE[-1], round(density * len(BESIDE)))
-        about = np.concatenate([-beside[::-1], [0.0], beside])
+        about = np.concatenate([-beside[::-1], beside])  # not at the resonance itself, where an undamped joint has a pole
         top, busy = self.fastest * (1 - 1e-6), max(BUSY / self.system.lag, 2 * low)
         parts = [np.geomspace(low, busy, 13)[:-1], np.geomspace(busy, top, math.ceil(density * math.log(top / busy) / SPACING))]
         parts += [np.minimum(one * (1 + about), self.fastest * (1 - 1e-6 * (2 + np.arange(len(about))))) for one in corners]
@@ -113,9 +127,21 @@ class Joint:
     def _poles(self) -> Complexes:
         return np.linalg.eigvals(self.state.a).astype(complex)
 
-    def start_angle(self, omega: float) -> float:
-        """Sum of the angles of jω − p, or e^(jωT_s) − p, over the joint's poles p [rad]."""
-        return float(np.angle(self.variable(np.array([omega])) - self._poles).sum()) + self.ticks * omega * self.sample_times[HOST]
+    def turns(self, omega: Floats) -> "Turns":
+        """What a count of turns at omega (m,) [rad/s], rising, has to know of the joint."""
+        host, v = self.sample_times[HOST], self.variable(omega)
+        start = float(np.angle(v[0] - self._poles).sum()) + self.ticks * float(omega[0]) * host
+        upper = self._poles[self._poles.imag > 0]
+        s = upper if self.path is not None else np.log(1 + host * upper) / host
+        light = upper[-s.real < LIGHT * np.abs(s)]
+        pairs = np.concatenate([light, light.conj()])
+        flat = np.prod((v[:, None] - pairs) / np.abs(pairs), axis=1)
+        if self.path is None:  # a pair inside the circle takes a whole turn on the way from 1 to −1
+            turned = 2 * math.pi * len(light) - float(np.angle(v[0] - pairs).sum())
+        else:
+            inside = pairs - 1e-9 * np.abs(pairs)
+            turned = float((np.angle(v[-1] - inside) - np.angle(v[0] - inside)).sum())
+        return Turns(flat, start + turned)
 
     def variable(self, omega: Floats) -> Complexes:
         """Points (m,) at which `state` is evaluated: jω, or (e^(jωT_s) − 1)/T_s."""

@@ -21,6 +21,7 @@ from .joint_responses import responses
 
 STEP = 1e-3
 """Of a coordinate, and of ln ω, for differences: slopes are off by the square of it, curvatures by as much and 1e-9 of round-off."""
+FARTHEST = 0.02  # distance, in ln ω, over which a peak that was not met is extrapolated
 BAND = 0.35  # ln below the highest peak of the objective from which on peaks have a model
 NEAR = -0.5  # ln of a curve over its ceiling from which on its peaks have one
 RADIUS, LARGEST, LEAST = 0.3, 1.0, 1e-4
@@ -184,6 +185,8 @@ def _model(values: Floats, first: Integers, second: Integers, shifts: Floats, ob
         slanted = ((above - below)[1 : 1 + size] - (above - below)[1 + size : 1 + 2 * size]).T / (4 * STEP**2)
         moves = shifts & (bent < -1e-3)
         share = np.where(moves, -1 / np.where(moves, bent, 1.0), 0.0)
+        inclined = (above[0] - below[0]) / (2 * STEP)
+        top = top + np.where(np.abs(inclined * share) < FARTHEST, inclined**2 * share / 2, 0.0)  # at the peak, if it was not met
         bends += share[:, None, None] * slanted[:, :, None] * slanted[:, None, :]
     return top, slopes, bends, np.full(count, objective)
 

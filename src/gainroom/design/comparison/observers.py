@@ -96,10 +96,10 @@ class StateObserver(Structure):
         step = system.control.sample_time
         assert step is not None
         soft = 1 / joint.stiffness if math.isfinite(joint.stiffness) else (system.delay + step) ** 2 / joint.link_inertia
-        spread, wide = math.exp(6), math.exp(8)
+        slow, spread, wide = 40 * (system.delay + step), math.exp(6), math.exp(8)
         ends = {
             "rho": ("rad²/(N·m)²", 0.1 * soft**2 / spread, 0.1 * soft**2 * spread),
-            "beta": ("s²", 1e-2 / math.exp(3), 1e-2 * math.exp(3)),
+            "beta": ("s²", slow**2 / math.exp(3), slow**2 * math.exp(3)),
             "walk": ("N²·m²", math.exp(-5), math.exp(3)),
             "reading": ("rad²", 1e-2 * soft**2 / spread, 1e-2 * soft**2 * wide),
         }

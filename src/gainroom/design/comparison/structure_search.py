@@ -45,8 +45,8 @@ COARSE, FINE = 1.0, 3.0
 """Densities of the frequency grid of global and local search."""
 POLISHED = 2
 """Members of each global search that a local search begins at."""
-ROUNDS = 4
-"""Searches with samples that broke a ceiling among the corners."""
+ROUNDS, AT_ONCE = 6, 3
+"""Searches with samples that broke a ceiling among the corners, and how many of these join them at once."""
 APART = 0.05
 
 
@@ -228,24 +228,24 @@ def _inside(
     problem: Problem, structure: Structure, best: Polished, places: list[Place], fine: Corners, progress: Callable[[], None]
 ) -> tuple[Polished, list[Place], Corners, Place | None]:
     """`best`, searched on with samples inside the box that break a ceiling; with the corners it then has, and a place that still breaks."""
+    if best.excess > KEPT:
+        worst = int(np.argmax([_excess(fine.one(best.x[None], k)) for k in range(len(places))]))
+        return best, places, fine, places[worst]
     inside = sample_places(problem.system)
     looked = problem.corners(structure, inside, COARSE)
     for left in reversed(range(ROUNDS)):
-        if best.excess > KEPT:
-            every = [fine.one(best.x[None], k) for k in range(len(places))]
-            return best, places, fine, places[int(np.argmax([_excess(one) for one in every]))]
-        excesses = [_excess(looked.one(best.x[None], k)) for k in range(len(inside))]
-        worst = int(np.argmax(excesses))
-        if excesses[worst] <= KEPT:
+        excesses = np.array([_excess(looked.one(best.x[None], k)) for k in range(len(inside))])
+        worst = np.argsort(-excesses, kind="stable")[:AT_ONCE]
+        if excesses[worst[0]] <= KEPT:
             return best, places, fine, None
-        if not left:
-            return best, places, fine, inside[worst]
-        places = [*places, inside[worst]]
-        fine = problem.corners(structure, places, FINE)
-        again = polished(fine, best.x, RESERVE, progress)
-        if again is None:  # unstable there: from the nearest parameters that are stable
-            return best, places[:-1], fine, inside[worst]
-        best = again
+        more = [*places, *(inside[k] for k in worst.tolist() if excesses[k] > KEPT and inside[k] not in places)]
+        again = None
+        if left and len(more) > len(places):
+            wider = problem.corners(structure, more, FINE)
+            again = polished(wider, best.x, RESERVE, progress)
+        if again is None or again.excess > KEPT:
+            return replace(best, excess=float(excesses[worst[0]])), places, fine, inside[worst[0]]
+        best, places, fine = again, more, wider
     raise AssertionError("the last round returns")
 
 
