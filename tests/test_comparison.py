@@ -75,8 +75,8 @@ REACHED = {
     "bench": (bench(), 0.142, {"pd+biquad": 1.17, "split": 0.44, "torque_feedback": 0.66}, {"pd+biquad", "observer"}),
     "knee": (knee(), 3.41, {"pd+biquad": 0.334, "split": 0.355, "torque_feedback": 0.198}, set()),
 }
-"""Joint, torque noise [N m], worst peaks of |q/d| in the box [mrad/(N m)] that a prototype found with another search, and structures that it
-found unstable, or far off, on perturbed joints where they are tuned at the nominal values alone."""
+"""Joint, torque noise [N m], worst peaks of |q/d| in the box [mrad/(N m)] that a prototype found with another search, and structures that
+it found unstable, or far off, on perturbed joints where they are tuned at the nominal values alone."""
 
 
 @pytest.mark.slow

@@ -91,7 +91,7 @@ def _turn(angle: Floats) -> Floats:
 
 
 def is_stable(structure: Structure, x: Floats, turns: Turns, returned: Complexes) -> Booleans:
-    """True (batch,) where the loop with return ratio `returned` (batch, m), at the frequencies of `turns`, is stable, by a count of turns."""
+    """True (batch,) where a loop is stable, by a count of turns of its return ratio `returned` (batch, m) at the frequencies of `turns`."""
     around = (1 + returned) * turns.flat
     turned = np.angle(around[:, 1:] * around[:, :-1].conj()).sum(axis=1)
     asked = turns.asked + _turns_of_law(structure, x)

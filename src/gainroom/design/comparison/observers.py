@@ -145,21 +145,23 @@ class StateObserver(Structure):
 
     def _expanded(self, x: Floats) -> tuple[Complexes, Complexes]:
         """Poles (batch, s) of the laws of coordinates x (batch, n) and their residues: the same ones serve every corner."""
-        rows = [one.tobytes() for one in np.atleast_2d(x)]
-        known = self._known
-        if missing := [k for k, row in enumerate(rows) if row not in known]:
-            if len(known) > MOST_KNOWN:
-                known.clear()
-                return self._expanded(x)
-            law, into, out = self._designed(np.atleast_2d(x)[missing])
+        x = np.atleast_2d(x)
+        rows = [one.tobytes() for one in x]
+        found = [self._known.get(row) for row in rows]  # looked up once: other threads may empty it
+        if missing := [k for k, one in enumerate(found) if one is None]:
+            law, into, out = self._designed(x[missing])
             poles, vectors = np.linalg.eig(law)
             parts = (out @ vectors)[:, 0] * np.linalg.solve(vectors, into.astype(complex))[:, :, 0]
-            known |= {rows[k]: pair for k, pair in zip(missing, zip(_with_integrator(poles), parts, strict=True), strict=True)}
-        poles, parts = zip(*(known[row] for row in rows), strict=True)
+            for k, *pair in zip(missing, _with_integrator(poles), parts, strict=True):
+                found[k] = pair[0], pair[1]
+            if len(self._known) > MOST_KNOWN:
+                self._known.clear()
+            self._known.update({rows[k]: found[k] for k in missing})
+        poles, parts = zip(*found, strict=True)
         return np.array(poles), np.array(parts)
 
     @cached_property
-    def _known(self) -> dict[bytes, tuple[Complexes, Complexes]]:
+    def _known(self) -> dict[bytes, Any]:
         """Poles and residues by coordinates."""
         return {}
 

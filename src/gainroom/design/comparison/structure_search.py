@@ -239,10 +239,8 @@ def _inside(
         if excesses[worst[0]] <= KEPT:
             return best, places, fine, None
         more = [*places, *(inside[k] for k in worst.tolist() if excesses[k] > KEPT and inside[k] not in places)]
-        again = None
-        if left and len(more) > len(places):
-            wider = problem.corners(structure, more, FINE)
-            again = polished(wider, best.x, RESERVE, progress)
+        wider = problem.corners(structure, more, FINE)
+        again = polished(wider, best.x, RESERVE, progress) if left and len(more) > len(places) else None
         if again is None or again.excess > KEPT:
             return replace(best, excess=float(excesses[worst[0]])), places, fine, inside[worst[0]]
         best, places, fine = again, more, wider
