@@ -486,3 +486,20 @@ def test_largest_gains_of_one_joint_alone_leave_all_other_gains_as_they_are():
 
             assert radius(largest[joint] * (1 - NUDGE)) < 1 + 1e-7  # a joint without kp drifts at 1
             assert radius(largest[joint] * (1 + NUDGE)) > 1
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_a_delay_next_to_its_crossing_is_the_first_of_all(seed: int, monkeypatch: pytest.MonkeyPatch):
+    """Followed from the crossing of kp's return ratio, and from no delay on, step by step: the same first delay that loses the loop."""
+    rng = np.random.default_rng([seed, 60])
+    while True:
+        inertia, step = rng.uniform(0.1, 2.0), rng.choice([5e-4, 1e-3])
+        kd = inertia / 2e-4 * rng.uniform(0.02, 0.2)
+        joint = gr.ElasticJoint(inertia, rng.uniform(0.5, 20) * inertia, 10 ** rng.uniform(3, 4.5), 1.0)
+        gains = gr.PD(kd * rng.uniform(2, 20), kd, velocity_filter=gr.LowPass(3000.0))
+        drive, path = gr.Drive(4000.0, 0.9, rng.uniform(5e-4, 4e-3)), gr.GainPath(1e-4, step / rng.choice([5, 10]))
+        loop = gr.build_loop(joint, drive, gains, sample_time=step, kd_path=path)
+        if gr.is_stable(loop) and math.isfinite(near := Multirate(loop).delay_of_others()):
+            break
+    monkeypatch.setattr(Multirate, "_lag_at_crossing", lambda self: math.nan)
+    assert near == approx(Multirate(loop).delay_of_others(), rel=1e-9)  # both are polished to 1e-13 of eigenvalues that have 1e-12

@@ -44,6 +44,8 @@ MOST_LATER = 300
 """States of Φ up to which more delay is tried: its eigenvalues, of which there are some fifty sets, take 0.05 s there, and 10 s of 2000."""
 MOST_HOLDS = 1500
 """Holds of all joints' torques in a period up to which σ_max of S is worked out: a matrix of that size takes a second."""
+BESIDE, CROSSING_SAMPLES = 0.03, 4000
+"""Share of a delay, and samples, around a crossing's lag in which the loop is followed; and frequencies at which crossings are sought."""
 BULGE = 0.25
 """Largest deviation of an eigenvalue's path from the straight line, relative to the step."""
 ACCURACY = 1e-13
@@ -183,8 +185,40 @@ class Multirate:
         assert parts.sample_time is not None
         per_second = self.loop.size * (1 / parts.sample_time + kd / path.sample_time)
         farthest = min(1.0, max(0.0, MOST_LATER - self.lifted.states) / per_second)
-        found = first_lost(lambda t: self.values(lifted=self.lifted.later(t * period, kd * t * period)), 0.0, farthest / period)
+
+        def later(t: float) -> Complexes:
+            return self.values(lifted=self.lifted.later(t * period, kd * t * period))
+
+        start, stop = 0.0, farthest / period
+        if kd == 0 and self.loop.size == 1 and math.isclose(period, parts.sample_time):
+            near = self._lag_at_crossing()
+            low, high = (1 - BESIDE) * near - BESIDE, (1 + BESIDE) * near + BESIDE
+            if low > stop and farthest < 1.0:  # too late to be followed
+                return None, False
+            if 0 < low < stop and _outside(later(low)) == 0 < _outside(later(high)):
+                start, stop = low, high
+        found = first_lost(later, start, stop)
         return None if found is None else replace(found, at=found.at * period), farthest == 1.0
+
+    def _lag_at_crossing(self) -> float:
+        """Least lag, in samples, that brings the return ratio L of one joint's kp and ki, kd closed, to −1 where |L| = 1; inf: none.
+
+        With a factor g on these gains det(z − Φ) is 1 + g L times what has no g, so that two factors give L. Each further sample of delay
+        is 1/z in L; part of one counts here as the phase that it costs, and is exact in the eigenvalues that are followed from nearby.
+        """
+        whole, half = self.values(), self.values(0.5)
+        if len(whole) != len(half):
+            return math.nan
+        beside = np.abs(np.angle(whole[whole != 0]))
+        angles = np.unique(np.concatenate([np.geomspace(1e-6, math.pi, CROSSING_SAMPLES), beside[beside > 1e-6]]))
+        z = np.exp(1j * angles)[:, None]
+        ratio = np.exp(np.log((z - whole) / (z - half)).sum(axis=1))
+        returned = (ratio - 1) / (1 - ratio / 2)
+        size = np.log(np.abs(returned))
+        lag = np.mod(np.angle(returned) + math.pi, 2 * math.pi) / angles
+        there = np.flatnonzero(size[:-1] * size[1:] <= 0)
+        share = size[there] / (size[there] - size[there + 1])
+        return float((lag[there] + share * (lag[there + 1] - lag[there])).min(initial=math.inf))
 
     def delay_of_others(self) -> float:
         """Delay [s] of the path of kp and ki at which the loop becomes unstable, as the function delay_of_others below."""
