@@ -44,6 +44,8 @@ SHARE = 0.5
 """Delay reserve as a share of the drive's delay, where none is given."""
 DRIVE_DELAY, DRIVE_RATE = 1e-4, 20e3
 """Delay [s] and least rate [Hz] of the drive's own loop, where none is given."""
+GAP_DIGITS = 4
+"""Decimals of a gap: what is less is where a search stops."""
 KNEE = 1.15
 """Factor within which the best structure on the same sensor and host is no reason to leave PD."""
 FAR_OFF = 2.0
@@ -400,7 +402,7 @@ def _row(problem: Problem, structure: Structure, found: Found | None, alone: Fou
         _noise(problem, found, corner_places(problem.system)),
         structure.sensors,
         structure.where,
-        math.expm1(found.gap),
+        round(math.expm1(found.gap), GAP_DIGITS),
         None if alone is None else _fragile(problem, alone, found.worst),
         proof.broken,
     )

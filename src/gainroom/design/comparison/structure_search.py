@@ -29,6 +29,7 @@ STIFFNESS, LOAD = (0.8, 1.2), (0.5, 1.5)
 """Ranges, as factors on the nominal values, where a file has no uncertainty."""
 RESERVE = 2e-4
 """Ln by which a search keeps its ceilings, so that they hold exactly where margins are worked out."""
+DIGITS = 5
 SAMPLES = 200
 """Seeded samples inside the box at which a winner is looked at."""
 KEPT = 1e-5
@@ -191,9 +192,18 @@ def held_harder(problem: Problem, found: Found, factor: float, progress: Callabl
 def _found(
     structure: Structure, best: Polished, fine: Corners, places: list[Place], gap: float, broken: Place | None, evaluated: int
 ) -> Found:
-    values = [math.exp(float(fine.one(best.x[None], k).objective[0])) for k in range(len(places))]
+    x = rounded(structure, best.x)
+    merits = fine.all(x[None])
+    if not merits.stable[0] or merits.excess[0] > max(0.0, best.excess):
+        x = best.x
+    values = [math.exp(float(fine.one(x[None], k).objective[0])) for k in range(len(places))]
     corner = int(np.argmax(values))
-    return Found(structure, best.x, values[0], values[corner], places[corner], best.excess, gap, broken, evaluated, tuple(places))
+    return Found(structure, x, values[0], values[corner], places[corner], best.excess, gap, broken, evaluated, tuple(places))
+
+
+def rounded(structure: Structure, x: Floats) -> Floats:
+    """Coordinates of parameters rounded to DIGITS digits, which people see and type in: the margins are those of the values in use."""
+    return structure.coordinates({name: float(f"{value:.{DIGITS}g}") for name, value in structure.by_field(x).items()})
 
 
 def _polished(corners: Corners, starts: Sequence[Floats], progress: Callable[[], None]) -> list[Polished]:
