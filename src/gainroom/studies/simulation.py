@@ -164,7 +164,9 @@ class Outcome:
         system = self.spec.system if self.gain == 1 else self.spec.system.scaled(self.gain)
         if self.margins is None:
             return None
-        return study_joint(system) if system.source.body is None else analyzed(system, [state_of(system, *self.spec.place)])
+        if system.source.body is None and system.control.kd_path is None:
+            return study_joint(system)
+        return analyzed(system, [state_of(system, *self.spec.place)])
 
     @cached_property
     def verdict(self) -> Verdict:
