@@ -45,7 +45,7 @@ def compare(
     verbose: Verbose = False,
     report: Report = None,
 ) -> int:
-    """Is PD the problem? Other structures, another sensor, kd in the drive: tuned at equal margins, delay reserve and torque noise.
+    """Is PD the problem? Other structures, another sensor, kd in the drive: tuned at equal Ms, delay reserve and torque noise.
 
     \b
     Example:

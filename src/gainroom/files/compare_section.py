@@ -82,4 +82,4 @@ def assumption(system: System, settings: ComparisonSettings) -> list[str]:
     if not math.isclose(settings.sensor_noise.get(system.control.feedback.position, 0.0), step / math.sqrt(12)):
         return []
     size = f"{digits(step, 'rad', 3)}, {BITS} bits per turn of the motor"
-    return [f"the encoder's step is {size}: give drive.encoder_resolution; structures on the encoder alone compare alike with any"]
+    return [f"the encoder's step is {size}: give drive.encoder_resolution; it cancels out where structures use the encoder alone"]

@@ -72,7 +72,7 @@ def comparison_page(shown: ComparisonPresentation, command: str) -> str:
             "Inputs and assumptions",
             [
                 facts([*machine(given), ("box", uncertainty_text(found.system))]),
-                *map(paragraph, (ceilings_text(shown), *shown.assumed)),
+                *map(paragraph, (ceilings_text(shown), *shown.all_assumed)),
                 assumptions("Linear two-mass joint", given.control),
             ],
             "what was read, what every structure was held to",
@@ -81,7 +81,7 @@ def comparison_page(shown: ComparisonPresentation, command: str) -> str:
     ]
     title = f"gainroom compare: controllers of one joint, {model_text(given.control.sample_time)}"
     best = winner(found)
-    lead = Lead(sentence(found), "bare" if best is None else "good", advice=advice_box(shown.advice))
+    lead = Lead(sentence(found), "bare" if best is None else "good", warnings=shown.cautions, advice=advice_box(shown.advice))
     return page(title, lead, _cards(found), sections, command)
 
 

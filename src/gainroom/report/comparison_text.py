@@ -21,7 +21,7 @@ from .page import Advice
 from .page_parts import uncertainty_text
 from .presentation import Part, Presentation, TextTable, closing, do_this
 
-EQUAL = "at equal margins, delay reserve and torque noise"
+EQUAL = "at equal Ms, delay reserve and torque noise"
 NEEDS = {"motor": "encoder", "link": "link encoder", "torque": "torque"}
 """Names of sensors."""
 NAMES = {
@@ -118,9 +118,10 @@ def _verdict(found: Comparison) -> str:
 def _moves(found: Comparison, row: Row) -> str:
     """Sentence on the worst objective of a row."""
     value, name = f"{thousandths(row.worst)} {unit(found.objective)}", name_of(row.structure)
+    box = f"at the worst of the box ({uncertainty_text(found.system)})"
     if found.objective.name == "dynamic_stiffness":
-        return f"With {name} a load moves the link by up to {value}, at the worst of the box."
-    return f"With {name} it is {value}, at the worst of the box: {measure(found.objective)}."
+        return f"With {name} a load moves the link by up to {value}, {box}."
+    return f"With {name} it is {value}, {box}: {measure(found.objective)}."
 
 
 def _others(found: Comparison) -> str:
@@ -138,7 +139,8 @@ def _others(found: Comparison) -> str:
     if sensed:
         best, without = (min(rows, key=lambda row: row.worst) for rows in (sensed, [pd, *(row for row in every if row not in sensed)]))
         share = without.worst / best.worst
-        worth = f"{digits(share, '×', 2)} the best without it" if share > 1 else f"no better than {name_of(without.structure)} without it"
+        name = name_of(without.structure)
+        worth = f"{digits(share, '×', 2)} as stiff as the best without it, {name}" if share > 1 else f"no better than {name} without it"
         parts.append(f"a torque sensor {_factor(found, best)}, {worth}")
     return f"Against PD: {'; '.join(parts)}." if parts else ""
 
@@ -152,8 +154,36 @@ def _bound(found: Comparison) -> str:
         return ""
     pd = pd_row(found)
     value = f"{thousandths(found.bound)} {unit(found.objective)}"
-    against = f", {digits(times(found, found.bound), '×', 2)} PD" if pd is not None and pd.holds else ""
-    return f"No linear controller on this encoder, at this rate and delay, does better than {value}{against}."
+    against = f", {digits(times(found, found.bound), '×', 2)} as stiff as PD" if pd is not None and pd.holds else ""
+    alike = [row for row in found.rows if row.holds and row.where == "host" and "torque" not in row.sensors]
+    best = min(alike, key=lambda row: row.worst, default=None)
+    near = "" if best is None else f"; {name_of(best.structure)} is within {digits(best.worst / found.bound, '×', 2)} of that"
+    return f"No linear controller on this encoder and the host, at this rate and delay, does better than {value}{against}{near}."
+
+
+def lower_text(row: Row) -> str:
+    """Sentence on a controller that vibrates with lower gains, too; "" where it does not."""
+    limit = None if row.worst_margins is None else row.worst_margins.limit
+    if limit is None or not limit.lower_gain > 0:
+        return ""
+    below = f"below {digits(limit.lower_gain, '×', 2)} all of them at the worst of the box, at {hertz(limit.lower_frequency)}"
+    return f"{name_of(row.structure)} vibrates with lower gains, too: {below}. Neither halve nor ramp them."
+
+
+def missed_text(given: System, row: Row) -> str:
+    """Sentence on requirements of the joint's file, or the usual ones, that a controller misses; "" where there is none."""
+    if row.worst_margins is None:
+        return ""
+    missed = [
+        f"{one.heading} {one.text(value)} ({one.sign} {one.text(needed)})"
+        for one, needed in given.requirements.asked_for
+        if not math.isnan(value := one.value(row.worst_margins)) and not one.met(needed, value)
+    ]
+    if not missed:
+        return ""
+    return (
+        f"Structures are held to these ceilings alone: of what is required of the joint, {name_of(row.structure)} misses {listed(missed)}."
+    )
 
 
 def fragile_text(row: Row) -> str:
@@ -201,7 +231,7 @@ class Line:
 
 def _of(value: Any) -> Any:
     """Function of a line from one of its row; a dash for the bound and for what was not found."""
-    return lambda line: "–" if line.row is None or line.row.controller is None else value(line.row)
+    return lambda line: "–" if line.row is None or not line.row.holds else value(line.row)
 
 
 BOUND_NAME = "no linear controller"
@@ -227,7 +257,7 @@ def _worst(line: Line) -> str:
         return f"≥ {thousandths(line.worst)}"
     if line.row.holds:
         return thousandths(line.row.worst)
-    return f"{MISSED} {thousandths(line.row.worst)}" if math.isfinite(line.row.worst) else f"{MISSED} none"
+    return f"{MISSED} none found"
 
 
 def _against(line: Line) -> str:
@@ -265,8 +295,8 @@ def ceilings_text(shown: "ComparisonPresentation") -> str:
         asked = settings.torque_noise is not None or "torque_noise" in given.requirements.asked
         noise = digits(ceilings.torque_noise, "N·m", 3)
         parts.append(f"torque noise ≤ {noise} rms ({'as asked' if asked else 'what the best PD makes'})")
-    boxed = "the file's" if given.uncertainty.names else "usual"
-    return f"Held to, everywhere in the box: {', '.join(parts)}. Box ({boxed}): {uncertainty_text(found.system)}."
+    boxed = "The box is the file's" if given.uncertainty.names else "The file gives no ranges: the box is the usual one"
+    return f"Held to, everywhere in the box: {', '.join(parts)}. {boxed}."
 
 
 @dataclass(frozen=True)
@@ -308,11 +338,32 @@ class ComparisonPresentation(Presentation):
 
     @property
     def _what_else(self) -> list[str]:
-        """What a torque sensor would buy, where none was compared."""
-        elastic = math.isfinite(self.given.source.stiffness)
-        if "torque" in self.found.ceilings.sensor_noise or not elastic:
-            return []
-        return ["What a torque sensor would buy: the same with `--torque-sensor 0.05`, its noise in N·m rms."]
+        """What the drive's own loop would buy, and a torque sensor, where none was compared."""
+        row, found = self.chosen, list[str]()
+        driven = [one for one in self.found.rows if one.holds and one.where != "host" and "torque" not in one.sensors]
+        best = min(driven, key=lambda one: one.worst, default=None)
+        if best is not None and row is not None and row is not best and best.worst < row.worst:
+            found.append(
+                f"If the drive can run kd: {name_of(best.structure)} is {_factor(self.found, best)} PD (`--take {best.structure}`)."
+            )
+        if "torque" not in self.found.ceilings.sensor_noise and math.isfinite(self.given.source.stiffness):
+            found.append("What a torque sensor would buy: the same with `--torque-sensor 0.05`, its noise in N·m rms.")
+        return found
+
+    @property
+    def all_assumed(self) -> list[str]:
+        """What was assumed where the file says nothing, the drive's own loop among it."""
+        path = next((one for row in self.found.rows if row.controller and (one := row.controller.control.kd_path)), None)
+        if path is None or self.settings.path is not None:
+            return list(self.assumed)
+        own = f"the drive's own loop runs at {rate(1 / path.sample_time)}, {digits(1e3 * path.delay, 'ms', 3)} late (compare.drive_path)"
+        return [*self.assumed, own]
+
+    @property
+    def cautions(self) -> list[str]:
+        """What to know before the controller to use is run."""
+        row = self.chosen
+        return [] if row is None else [*filter(None, [lower_text(row), missed_text(self.given, row)])]
 
     def facts(self) -> dict[str, Any]:
         found = self.found
@@ -330,7 +381,8 @@ class ComparisonPresentation(Presentation):
                 "sensor_noise": dict(found.ceilings.sensor_noise),
             },
             "box": {name: [float(end) for end in getattr(found.system.uncertainty, name)] for name in found.system.uncertainty.names},
-            "assumed": list(self.assumed),
+            "cautions": self.cautions,
+            "assumed": self.all_assumed,
         }
 
     def screens(self, verbose: bool) -> Iterator[list[Part]]:
@@ -343,8 +395,9 @@ class ComparisonPresentation(Presentation):
             "",
             TextTable.of(capital(model), TABLE if verbose else SHORT, lines(found), ("reserve", "nominal", "Ms")),
             ceilings_text(self),
+            *self.cautions,
             *do_this(self.advice),
-            *closing(self.files, assumed=self.assumed, notes=unsure(found)),
+            *closing(self.files, assumed=self.all_assumed, notes=unsure(found)),
         ]
 
 
@@ -385,6 +438,7 @@ def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
         "holds": row.holds,
         "broken": row.broken,
         "margins": None if row.margins is None else facts(MARGIN, row.margins),
+        "lower_gain_limit": None if row.worst_margins is None else row.worst_margins.limit.lower_gain,
         "worst_margins": None if row.worst_margins is None else facts(MARGIN, row.worst_margins),
         "places_proved": row.proved,
         "delay_reserve_ms": 1e3 * row.delay_reserve,

@@ -442,22 +442,26 @@ def _proof(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> _P
         system = problem.system.at(place)
         every.append(margins(found.structure.system(found.x, system, problem.path).loop()))
         if not every[-1].stable:
-            return _Proof(every[0], every[-1], len(every), f"unstable at {_text(problem.system, place)}")
+            return _Proof(every[0], every[-1], len(every), f"unstable at {_where(problem.system, place)}")
     worst, limit = worst_of(every), problem.ceilings.peak_sensitivity
     peaks = [one.peak_sensitivity for one in every]
     if found.broken is not None:
         much = digits(100 * math.expm1(max(found.excess, 0.0)), "%", 3)
-        broken = f"a ceiling is exceeded by {much} at {_text(problem.system, found.broken)}"
+        broken = f"a ceiling is exceeded by {much} at {_where(problem.system, found.broken)}"
         return _Proof(every[0], worst, len(every), broken)
     highest = int(np.argmax(peaks))
     over = peaks[highest] > limit * (1 + SENSITIVITY)
-    broken = f"Ms {peaks[highest]:.4g} at {_text(problem.system, places[highest])}" if over else ""
+    broken = f"Ms {peaks[highest]:.4g} at {_where(problem.system, places[highest])}" if over else ""
     return _Proof(every[0], worst, len(every), broken)
 
 
 def _text(system: System, place: Place) -> str:
     """Place in the box in words; "" at the nominal values."""
     return next(case.place for case in [system.case_at(place, *system.source.states[0])])
+
+
+def _where(system: System, place: Place) -> str:
+    return _text(system, place) or "the nominal values"
 
 
 def _fragile(problem: Problem, found: Found, worst: float) -> Fragile:
