@@ -257,7 +257,7 @@ def _worst(line: Line) -> str:
         return f"≥ {thousandths(line.worst)}"
     if line.row.holds:
         return thousandths(line.row.worst)
-    return f"{MISSED} none found"
+    return f"{MISSED} none"
 
 
 def _against(line: Line) -> str:
