@@ -283,8 +283,9 @@ def _certificate(found: Comparison) -> Html:
         pairs.append(
             (
                 "bound",
-                "weak duality: for the weights of the certificate every linear controller that keeps the ceilings has at least this peak; "
-                "recomputed on a grid twice as fine. The certificate is in --json, and anyone can recompute it",
+                "weak duality: for the weights of the certificate every linear controller that keeps the ceilings has at least this "
+                f"peak at {found.bound_at}, and so in the box; recomputed on a grid twice as fine. The certificate is in --json, and "
+                "anyone can recompute it",
             )
         )
     return facts(pairs)

@@ -466,7 +466,12 @@ def _fragile_facts(row: Row) -> dict[str, Any]:
 def bound_facts(found: Comparison) -> dict[str, Any]:
     """JSON of the bound with its certificate."""
     certificate = None if found.certificate is None else json.loads(found.certificate.to_json())
-    return {"value": found.bound, "times_pd": times(found, found.bound or math.nan), "certificate": certificate}
+    return {
+        "value": found.bound,
+        "at": found.bound_at,
+        "times_pd": times(found, found.bound or math.nan),
+        "certificate": certificate,
+    }
 
 
 def findings(found: Comparison) -> list[dict[str, Any]]:

@@ -144,7 +144,7 @@ class Comparison:
 
     rows         in the order asked for
     bound        value of the objective that no linear controller on the host at this rate and delay is below; None: not worked out
-    certificate  of the bound; None without one
+    certificate  of the bound, at the place of the box that makes it, `bound_at` in words; None without one
     unbounded    why no bound was found where one was asked for; "" otherwise
     system       with the box; ceilings and objective that held for every row
     """
@@ -156,6 +156,7 @@ class Comparison:
     ceilings: Ceilings
     objective: Objective
     unbounded: str = ""
+    bound_at: str = ""
 
     def row(self, structure: str) -> Row:
         """Row of one structure. Raises GainroomError where there is none."""
@@ -230,11 +231,15 @@ def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
     def joint(place: Place) -> ExactJoint:
         return ExactJoint.of(parts_of(system.at(place)))
 
+    places = corner_places(system)
+    joints = [joint(place) for place in places]
     try:
-        best = box_bound([joint(place) for place in corner_places(system)], ceilings, sensor, steps.checkpoint)
+        best = box_bound(joints, ceilings, sensor, steps.checkpoint)
     except GainroomError as error:
         return replace(found, unbounded=str(error))
-    return replace(found, bound=best.value, certificate=best.certificate)
+    proved = best.certificate.joint.state_space.a
+    where = next(place for place, one in zip(places, joints, strict=True) if np.array_equal(one.state_space.a, proved))
+    return replace(found, bound=best.value, certificate=best.certificate, bound_at=_where(system, where))
 
 
 class _Steps:
