@@ -144,6 +144,23 @@ def test_every_key_of_a_robots_answer_is_documented(told: Callable[..., dict], c
     assert sorted(key for key in keys_of(facts) - names if f"`{key}`" not in section) == []
 
 
+def test_every_key_of_a_comparison_is_documented(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """But those of a controller, its parameters and margins, which other pages have, and names of what a joint has ranges of."""
+    assert main(["example", "fig9"]) == 0
+    text = re.sub(r" *clock: continuous.*", "", capsys.readouterr().out).replace(
+        "feedback: motor", "feedback: motor\n  sample_rate_hz: 2000"
+    )
+    (tmp_path / "joint.yaml").write_text(text, "utf-8")
+    assert main(["compare", str(tmp_path / "joint.yaml"), "--structures", "pd", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    for row in facts["rows"]:
+        row |= dict.fromkeys(("controller", "parameters", "margins", "worst_margins"))
+        row["fragile"]["parameters"] = None
+    facts["bound"]["certificate"] = facts["box"] = facts["ceilings"]["sensor_noise"] = None
+    section = (ROOT / "docs" / "compare.md").read_text("utf-8").partition("## What `--json` has")[2]
+    assert sorted(key for key in keys_of(facts) if f"`{key}`" not in section) == []
+
+
 def test_the_documented_file_is_a_valid_one():
     block, scenario = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
     spec = config.parse_joint(block, "docs/files.md")
