@@ -278,8 +278,9 @@ def lines(found: Comparison) -> list[Line]:
 
 
 def broken_texts(found: Comparison) -> list[str]:
-    """What breaks the box, of every structure that does not hold it."""
-    return [f"{name_of(row.structure)} does not hold the box: {row.broken}." for row in found.rows if not row.holds]
+    """What breaks the box, of every structure that does not hold it; PD's stands in the first sentence."""
+    failed = [row for row in found.rows if not row.holds and row is not pd_row(found)]
+    return [f"{name_of(row.structure)} does not hold the box: {row.broken}." for row in failed]
 
 
 def ceilings_text(shown: "ComparisonPresentation") -> str:
