@@ -188,7 +188,7 @@ def robot_motion_facts(study: RobotStudy) -> dict[str, Any] | None:
 
 
 MOTION = (
-    Column("joint", "", lambda row: row[0]),
+    Column("link of", "", lambda row: row[0]),
     Column(
         "overshoot", "", lambda row: 100 * row[1].link_step.overshoot, "%", "of the link over its rest, after a step of its reference", 2
     ),
