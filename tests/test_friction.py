@@ -166,7 +166,7 @@ def test_friction_creates_no_energy(joint, bristles, width):
     moment = 6.0
     friction = Friction(0.5, 0.8, 0.1, bristle_stiffness=3e3) if bristles else Friction(0.5, 0.8, 0.1)
     bed = free(joint, motor_friction=friction, link_friction=friction, gravity=moment)
-    body, hardware = testbed_stepping._body(bed)[0], testbed_stepping._hardware(bed, math.inf)
+    body, hardware = testbed_stepping._body(bed)[0], testbed_stepping._hardware(bed, TICK, math.inf)
     for seed in range(20):
         rng = np.random.default_rng([8, seed])
         state, bent = np.zeros(body.positions.shape[1]), np.zeros(2)
