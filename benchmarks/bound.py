@@ -1,4 +1,4 @@
-"""What no linear controller beats, with its certificate: its time beside that of transforms, and how near the best known comes."""
+"""Bound that no linear controller beats, with its certificate: its time beside that of transforms, and how near the best known comes."""
 
 from importlib.util import find_spec
 

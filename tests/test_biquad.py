@@ -1,12 +1,17 @@
 """Biquads in a controller: against scipy's Tustin rule, against notches, and a loop's margins against the same law as an LTI."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import signal
 
 import gainroom as gr
+from gainroom.cli import main
+from gainroom.files.joint_yaml import parse_joint
+from gainroom.studies.joint import study_joint
 
 TICK = 5e-4
 JOINT = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0, 0.3, 0.7)
@@ -99,3 +104,57 @@ def test_recommended_gains_with_a_biquad_keep_the_requirements():
     margins = gr.margins(gr.build_loop(JOINT, DRIVE, gr.PD(found.kp, found.kd, biquads=(BIQUAD,)), sample_time=TICK))
     assert margins.stable
     assert margins.peak_sensitivity <= 2.0 * (1 + 1e-6)
+
+
+CONDITIONAL = """\
+joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 10000.0, damping: 1.0}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+control:
+  type: pd
+  kp: 3631.6
+  kd: 568.14
+  feedback: motor
+  sample_rate_hz: 2000
+  biquads: [{zero_frequency: 117.63, zero_damping: 0.26323, pole_frequency: 66.993, pole_damping: 0.04}]
+limits: {peak_sensitivity: 2}
+"""
+
+
+def test_gains_below_which_a_loop_vibrates_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A biquad's resonance needs gain: at nominal values the loop is unstable below some 0.4 of the gains, as a count of its roots says."""
+    path = tmp_path / "joint.yaml"
+    path.write_text(CONDITIONAL, "utf-8")
+    assert main(["joint", str(path)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    match = re.search(r"Lower gains vibrate, too, below ([\d.]+) × these, at ([\d.]+) Hz", told)
+    assert match is not None
+    loop, limit = parse_joint(CONDITIONAL, "joint.yaml").loop(), float(match[1])
+    assert gr.is_stable(loop.scaled(1.1 * limit))
+    roots = gr.rightmost_roots(loop.scaled(0.9 * limit)).roots
+    assert roots[0].real > 0
+    assert abs(roots[0].imag) / (2 * np.pi) == pytest.approx(float(match[2]), rel=0.1)  # a tenth off the limit
+
+
+def test_gains_that_the_search_does_not_beat_may_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Where recommended gains have a softer link than the present ones, nobody is told that they are the stiffest."""
+    system = parse_joint(CONDITIONAL, "joint.yaml")
+    study = study_joint(system)
+    assert study.recommended is not None
+    ours, theirs = study.margins.dynamic_stiffness, study.recommended.worst.dynamic_stiffness
+    path = tmp_path / "joint.yaml"
+    path.write_text(CONDITIONAL, "utf-8")
+    main(["joint", str(path)])
+    told = " ".join(capsys.readouterr().out.split())
+    assert ("no stiffer ones were found" in told) == (ours > theirs)
+    assert ("The stiffest that meet the requirements" in told) == (ours <= theirs)
+
+
+def test_simulate_says_whether_gains_to_try_are_lower_or_higher(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "joint.yaml"
+    path.write_text(CONDITIONAL.replace("3631.6", "1800").replace("568.14", "280"), "utf-8")
+    main(["simulate", str(path)])
+    told = " ".join(capsys.readouterr().out.split())
+    match = re.search(r"To see what (lower|higher) gains do, repeat this run with ([\d.]+) ×", told)
+    assert match is not None
+    assert match[1] == ("higher" if float(match[2]) > 1 else "lower")
+    assert float(match[2]) > 1

@@ -319,3 +319,28 @@ def test_the_first_screen_says_where_the_gains_run(options: tuple[str, ...], sai
     (tmp_path / "gains.yaml").write_text('".*": {kp: 400, kd: 30, motor_inertia: 0.5}', "utf-8")
     main(["audit", str(tmp_path / "robot.urdf"), "--gains", str(tmp_path / "gains.yaml"), "--delay-ms", "0", *options])
     assert said in " ".join(capsys.readouterr().out.split())
+
+
+RANGES = "uncertainty: {stiffness: [8000, 12000], link_inertia: [8, 24]}\n"
+
+
+@pytest.mark.parametrize(
+    ("gains", "ranges"),
+    [
+        ("3000.0, kd: 300.0", ""),
+        ("3000.0, kd: 1.0", RANGES),
+        pytest.param("3800.0, kd: 200.0", RANGES, marks=pytest.mark.slow),
+        pytest.param("20000.0, kd: 3000.0", "", marks=pytest.mark.slow),
+    ],
+    ids=["safe", "unstable", "missed in the ranges", "missed"],
+)
+def test_a_joint_of_two_paths_is_judged_alike_by_joint_and_simulate(gains, ranges, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Level and findings; a run that vibrates is one more."""
+    path = tmp_path / "knee.yaml"
+    path.write_text(JOINT.replace("3000.0, kd: 300.0", gains) + ranges, "utf-8")
+    judged = {}
+    for command in ("joint", "simulate"):
+        status = main([command, str(path), "--json"])
+        facts = json.loads(capsys.readouterr().out)
+        judged[command] = status, facts["verdict"], {one["code"] for one in facts["findings"]} - {"vibrates"}
+    assert judged["joint"] == judged["simulate"]

@@ -510,3 +510,17 @@ def test_what_a_comparison_would_write_is_the_same_controller(control: str) -> N
     one, other = gr.margins(system.loop()), gr.margins(again.loop())
     for name in ("gain_margin", "phase_margin", "peak_sensitivity", "delay_margin"):
         assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-12, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda low: gr.DisturbanceObserver(500.0, 150.0, 1.0, 20.0, 5, velocity_filter=low),
+        lambda low: gr.Compensator(dlti([1.0], [1.0, -0.5], dt=TICK), velocity_filter=low),
+    ],
+    ids=["dob", "lti"],
+)
+def test_a_filter_that_would_act_on_nothing_is_refused(law):
+    """Both laws make no velocity of their own: the loop would be the same without it."""
+    with pytest.raises(gr.GainroomError, match="velocity_filter"):
+        law(gr.LowPass(300.0))

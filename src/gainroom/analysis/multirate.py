@@ -209,7 +209,8 @@ class Multirate:
         whole, half = self.values(), self.values(0.5)
         if len(whole) != len(half):
             return math.nan
-        beside = np.abs(np.angle(whole[whole != 0]))
+        roots = np.concatenate([whole, half])
+        beside = np.abs(np.angle(roots[roots != 0]))
         angles = np.unique(np.concatenate([np.geomspace(1e-6, math.pi, CROSSING_SAMPLES), beside[beside > 1e-6]]))
         z = np.exp(1j * angles)[:, None]
         ratio = np.exp(np.log((z - whole) / (z - half)).sum(axis=1))

@@ -9,13 +9,14 @@ from ..errors import GainroomError
 from ..files.edited_text import with_section
 from ..files.joint_yaml import parse_joint
 from ..io.yaml_text import parse_yaml
+from ..report.comparison_text import name_of
 from ..report.number_format import typed
 from ..system.controller import type_of
 from ..system.system import System
 from .tunables import Tunable, tunables
 
-TITLES = {"pd": "PD", "pid": "PID", "pd+biquad": "PD + biquad", "torque_feedback": "torque feedback", "dob": "disturbance observer"}
-"""Structures by the names that `gainroom compare` has for them."""
+TITLES = {key: name_of(key) for key in ("pd", "pid", "pd+biquad", "torque_feedback", "dob")}
+"""Names of the structures for people, as `gainroom compare` has them."""
 BETWEEN = ("pd", "pid", "torque_feedback", "dob")
 """Types of controllers whose kp and kd are those of a PD, so that one can take the other's place."""
 DAMPING = 0.7

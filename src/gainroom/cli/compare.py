@@ -55,18 +55,13 @@ def compare(
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 interrupted.
     """
-    from ..errors import GainroomError, named
+    from ..errors import named
     from ..files.compare_section import assumption
     from ..files.joint_yaml import load_comparison
 
-    if take is not None and write is None:
-        raise GainroomError(f"--take {take}: is for --write, which names the file")
     given, settings = load_comparison(file)
     settings = _settings(settings, torque_sensor, noise, objective)
-    keys = None if structures is None else [_structure(one.strip(), "--structures") for one in structures.split(",")]
-    taken = None if take is None else _structure(take, "--take")
-    if taken is not None and keys is not None and taken not in keys:
-        raise GainroomError(f"--take {take}: must be one of --structures {structures}")
+    keys, taken = _structures(structures, take, write)
     with report_stream(report, write) as page, text_output(write, "joint.yaml", yaml_of="--write") as joint:
         from ..report.comparison_text import ComparisonPresentation
         from ..studies.comparison import compare as compared
@@ -107,6 +102,19 @@ def _settings(
         require_one_of(f"--objective {objective}", objective, names)
         settings = replace(settings, objective=settings.objective if objective == settings.objective.name else Objective(objective))
     return settings
+
+
+def _structures(structures: str | None, take: str | None, write: Path | None) -> tuple[list[str] | None, str | None]:
+    """Keys of the structures to compare, None for the file's, and of the one to write. Raises GainroomError where they do not fit."""
+    from ..errors import GainroomError
+
+    if take is not None and write is None:
+        raise GainroomError(f"--take {take}: is for --write, which names the file")
+    keys = None if structures is None else [_structure(one.strip(), "--structures") for one in structures.split(",")]
+    taken = None if take is None else _structure(take, "--take")
+    if taken is not None and keys is not None and taken not in keys:
+        raise GainroomError(f"--take {take}: must be one of --structures {structures}")
+    return keys, taken
 
 
 def _structure(key: str, option: str) -> str:

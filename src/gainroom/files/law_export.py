@@ -48,7 +48,7 @@ class ExportedLaw:
         return self.prefix != ExportedLaw.prefix
 
     def seen(self, sensor: Sensor) -> str:
-        """What the part gets of a sensor, in words; no reference goes to the drive."""
+        """Signal that the part gets of a sensor, in words; no reference goes to the drive."""
         return SEEN[sensor].replace("wanted minus measured", "minus the measured") if self.in_drive else SEEN[sensor]
 
 

@@ -25,6 +25,7 @@ from .comparison_text import (
     fragile_sentence,
     fragile_text,
     gap_text,
+    is_bounded,
     lines,
     measure,
     name_of,
@@ -132,7 +133,7 @@ def bars(found: Comparison) -> Html:
         traces.append(style.markers(at, [k + 0.17 for k, _ in fragile], "diamond-open", style.VERMILION, 11, **look))
     notes = [_unstable(min(nominal[k], END * right), k, rows[k]) for k, _ in fragile if rows[k].holds]
     if found.bound is not None:
-        traces.insert(0, _zone(1e3 * found.bound, count))
+        traces.insert(0, _zone(1e3 * found.bound, [k for k, row in enumerate(rows) if is_bounded(row)]))
     axis = style.axis(f"{measure(found.objective)} [{unit(found.objective)}]", range=[0, right], fixedrange=True)
     layout = style.layout(
         xaxis=axis,
@@ -160,7 +161,8 @@ def _title(found: Comparison) -> str:
 def _zone_text(found: Comparison) -> str:
     if found.bound is None:
         return "What no linear controller can beat was not worked out."
-    return f"Hatched, below {thousandths(found.bound)} {unit(found.objective)}: {BOUND}, at this rate and delay, under the same ceilings."
+    below = f"Hatched, below {thousandths(found.bound)} {unit(found.objective)}"
+    return f"{below}: {BOUND} on this encoder and the host, at this rate and delay, everywhere in the box under the same ceilings."
 
 
 def _bars(name: str, rows: Sequence[Row], values: Floats, end: float, shift: float) -> style.Trace:
@@ -184,11 +186,12 @@ def _bars(name: str, rows: Sequence[Row], values: Floats, end: float, shift: flo
     }
 
 
-def _zone(bound: float, count: int) -> style.Trace:
-    """Hatched zone from 0 to the bound."""
+def _zone(bound: float, places: Sequence[int]) -> style.Trace:
+    """Hatched zone from 0 to the bound, in the rows of the structures that it is of."""
     look = {"fill": "toself", "fillcolor": "rgba(90,90,90,0.10)", "fillpattern": {"shape": "/", "fgcolor": style.SOFT, "size": 7}}
-    edge = [0.0, bound, bound, 0.0, 0.0], [-0.6, -0.6, count, count, -0.6]
-    return style.line(*edge, style.SOFT, width=1.2, name=BOUND, showlegend=True, **look)
+    across = [0.0, bound, bound, 0.0, 0.0, math.nan] * len(places)
+    down = [k + side for k in places for side in (-0.5, -0.5, 0.5, 0.5, -0.5, math.nan)]
+    return style.line(across, down, style.SOFT, width=1.2, name=BOUND, showlegend=True, **look)
 
 
 def _unstable(x: float, place: int, row: Row) -> style.Annotation:

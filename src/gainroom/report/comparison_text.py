@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..analysis.margin_record import Margins
 from ..design.comparison.objective import Objective
 from ..errors import listed
 from ..files.compared_joint import control_section
@@ -20,6 +21,7 @@ from .number_format import MISSED, digits, hertz, milli, rate
 from .page import Advice
 from .page_parts import uncertainty_text
 from .presentation import Part, Presentation, TextTable, closing, do_this
+from .words import lower_gains
 
 EQUAL = "at equal Ms, delay reserve and torque noise"
 NEEDS = {"motor": "encoder", "link": "link encoder", "torque": "torque"}
@@ -51,7 +53,7 @@ def name_of(structure: str) -> str:
 
 
 def measure(objective: Objective) -> str:
-    """What is made small, in words."""
+    """Name of the objective, in words."""
     return SMALL[objective.name][0].format(hertz(objective.below))
 
 
@@ -125,7 +127,7 @@ def _moves(found: Comparison, row: Row) -> str:
 
 
 def _others(found: Comparison) -> str:
-    """What other places and sensors buy, against PD."""
+    """Sentence on what other places and sensors buy, against PD; "" without a PD that holds the box."""
     pd = pd_row(found)
     if pd is None or not pd.holds:
         return ""
@@ -149,41 +151,33 @@ def _factor(found: Comparison, row: Row) -> str:
     return digits(times(found, row.worst), "×", 2)
 
 
+def is_bounded(row: Row) -> bool:
+    """True if the bound is of controllers such as a row's: on the position's encoder and the host alone."""
+    return row.where == "host" and "torque" not in row.sensors
+
+
 def _bound(found: Comparison) -> str:
     if found.bound is None:
         return ""
     pd = pd_row(found)
     value = f"{thousandths(found.bound)} {unit(found.objective)}"
     against = f", {digits(times(found, found.bound), '×', 2)} as stiff as PD" if pd is not None and pd.holds else ""
-    alike = [row for row in found.rows if row.holds and row.where == "host" and "torque" not in row.sensors]
-    best = min(alike, key=lambda row: row.worst, default=None)
+    best = min((row for row in found.rows if row.holds and is_bounded(row)), key=lambda row: row.worst, default=None)
     near = "" if best is None else f"; {name_of(best.structure)} is within {digits(best.worst / found.bound, '×', 2)} of that"
     return f"No linear controller on this encoder and the host, at this rate and delay, does better than {value}{against}{near}."
 
 
-def lower_text(row: Row) -> str:
-    """Sentence on a controller that vibrates with lower gains, too; "" where it does not."""
-    limit = None if row.worst_margins is None else row.worst_margins.limit
-    if limit is None or not limit.lower_gain > 0:
-        return ""
-    below = f"below {digits(limit.lower_gain, '×', 2)} all of them at the worst of the box, at {hertz(limit.lower_frequency)}"
-    return f"{name_of(row.structure)} vibrates with lower gains, too: {below}. Neither halve nor ramp them."
-
-
-def missed_text(given: System, row: Row) -> str:
-    """Sentence on requirements of the joint's file, or the usual ones, that a controller misses; "" where there is none."""
-    if row.worst_margins is None:
-        return ""
+def missed_text(given: System, row: Row, worst: Margins) -> str:
+    """Sentence on requirements of the joint's file, or the usual ones, that a controller misses in the box; "" where there is none."""
     missed = [
         f"{one.heading} {one.text(value)} ({one.sign} {one.text(needed)})"
         for one, needed in given.requirements.asked_for
-        if not math.isnan(value := one.value(row.worst_margins)) and not one.met(needed, value)
+        if not math.isnan(value := one.value(worst)) and not one.met(needed, value)
     ]
     if not missed:
         return ""
-    return (
-        f"Structures are held to these ceilings alone: of what is required of the joint, {name_of(row.structure)} misses {listed(missed)}."
-    )
+    held = "Structures are held to Ms, delay reserve and torque noise alone"
+    return f"{held}: of what is required of the joint, {name_of(row.structure)} misses {listed(missed)}."
 
 
 def fragile_text(row: Row) -> str:
@@ -278,13 +272,13 @@ def lines(found: Comparison) -> list[Line]:
 
 
 def broken_texts(found: Comparison) -> list[str]:
-    """What breaks the box, of every structure that does not hold it; PD's stands in the first sentence."""
+    """Sentences on what breaks the box, of every structure that does not hold it; PD's stands in the first sentence."""
     failed = [row for row in found.rows if not row.holds and row is not pd_row(found)]
     return [f"{name_of(row.structure)} does not hold the box: {row.broken}." for row in failed]
 
 
 def ceilings_text(shown: "ComparisonPresentation") -> str:
-    """What every structure was held to, and where that comes from."""
+    """Sentence on the ceilings of every structure, and where they come from."""
     found, given, settings = shown.found, shown.given, shown.settings
     ceilings, usual = found.ceilings, Requirements.usual().peak_sensitivity
     reserve = "half of the delay" if settings.delay_reserve is None else "as asked"
@@ -339,7 +333,7 @@ class ComparisonPresentation(Presentation):
 
     @property
     def _what_else(self) -> list[str]:
-        """What the drive's own loop would buy, and a torque sensor, where none was compared."""
+        """Remarks on what the drive's own loop would buy, and a torque sensor, where none was compared."""
         row, found = self.chosen, list[str]()
         driven = [one for one in self.found.rows if one.holds and one.where != "host" and "torque" not in one.sensors]
         best = min(driven, key=lambda one: one.worst, default=None)
@@ -353,7 +347,7 @@ class ComparisonPresentation(Presentation):
 
     @property
     def all_assumed(self) -> list[str]:
-        """What was assumed where the file says nothing, the drive's own loop among it."""
+        """Assumptions where the file says nothing, that on the drive's own loop among them."""
         path = next((one for row in self.found.rows if row.controller and (one := row.controller.control.kd_path)), None)
         if path is None or self.settings.path is not None:
             return list(self.assumed)
@@ -362,9 +356,11 @@ class ComparisonPresentation(Presentation):
 
     @property
     def cautions(self) -> list[str]:
-        """What to know before the controller to use is run."""
+        """Sentences to know before the controller to use is run."""
         row = self.chosen
-        return [] if row is None else [*filter(None, [lower_text(row), missed_text(self.given, row)])]
+        if row is None or row.worst_margins is None:
+            return []
+        return [*filter(None, [lower_gains(row.worst_margins.limit), missed_text(self.given, row, row.worst_margins)])]
 
     def facts(self) -> dict[str, Any]:
         found = self.found

@@ -135,8 +135,19 @@ def _joint_gains(study: "JointStudy", call: str) -> ToUse:
         return ToUse(heading, lines, [write, *_over_ranges(again)], folded, margins=again.worst, column=f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
+    if study.requirements_met and study.system.objective == "dynamic_stiffness" and not study.system.asks and _is_stiffer(study, best):
+        return ToUse("The present gains may stay: no stiffer ones were found that meet the requirements.", margins=best.worst)
     remarks += _clock(study)
     return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=None if study.system.asks else best.worst)
+
+
+def _is_stiffer(study: "JointStudy", best: "Recommendation") -> bool:
+    """True if the link is dynamically stiffer with the present gains than with recommended ones, each in its worst case.
+
+    The search keeps a reserve, and rounds what it finds.
+    """
+    stiffness = REQUIREMENTS["dynamic_stiffness"]
+    return stiffness.value(study.in_range.margins) > stiffness.value(best.worst)
 
 
 def _over_ranges(found: "Recommendation") -> list[str]:

@@ -15,7 +15,7 @@ from ..system.requirements import title_of
 from ..system.system import System
 from .margin_columns import lacking, short_text
 from .number_format import digits, own_gains, quantity
-from .words import AT_USUAL, UNSTABLE, headline
+from .words import AT_USUAL, UNSTABLE, headline, lower_gains
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -58,9 +58,10 @@ def sentence(study: "JointStudy") -> str:
         if study.system.uncertainty.names:
             there = at_frequency(worst.frequency, ", at ")
             nominal = f"nominally at {digits(limit.gain, '×', 3)}{at}"
-            return f"{text} Vibration starts at {digits(worst.gain, '×', 3)} these gains in the worst case{there}; {nominal}."
-        start = vibration_starts(study)
-        return f"{text} {start} at {digits(limit.gain, '×', 3)} these gains ({to_db(limit.gain):.3g} dB){at}.{at_usual_rate_text(study)}"
+            starts = f"Vibration starts at {digits(worst.gain, '×', 3)} these gains in the worst case{there}; {nominal}."
+            return " ".join(filter(None, [text, starts, lower_gains(worst)]))
+        starts = f"{vibration_starts(study)} at {digits(limit.gain, '×', 3)} these gains ({to_db(limit.gain):.3g} dB){at}."
+        return " ".join(filter(None, [text, starts, lower_gains(limit)])) + at_usual_rate_text(study)
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
             f"{UNSTABLE}. Scaled together, these gains are stable only below {digits(limit.gain, '×', 3)}, with no margin "

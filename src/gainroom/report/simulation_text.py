@@ -318,9 +318,10 @@ def _lower(outcome: Outcome, study_call: str, call: str) -> Advice:
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
         ", at nominal values" if outcome.spec.system.uncertainty.names else ""
     )
-    again = f"To see what lower gains do, repeat this run with {factor:g} × {_base(outcome.gain)}:"
+    which = "lower" if factor < outcome.gain else "higher"
+    again = f"To see what {which} gains do, repeat this run with {factor:g} × {_base(outcome.gain)}:"
     heading = f"Find gains that meet every requirement{every}. {again}"
-    lower = f"With these lower gains the linear loop has {margins}{where}."
+    lower = f"With these {which} gains the linear loop has {margins}{where}."
     return Advice(heading, [study_call, f"{call} --gain {factor:g}"], [lower])
 
 

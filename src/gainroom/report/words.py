@@ -7,11 +7,12 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal
 
-from ..errors import apart, at_frequency, frequency_text, listed
+from ..errors import apart, at_frequency, digits, frequency_text, listed
 from ..studies.state import USUAL_RATE
 from ..system.requirements import REQUIREMENTS
 
 if TYPE_CHECKING:
+    from ..analysis.margin_record import GainLimit
     from ..studies.analysis import Analysis
     from ..studies.gain_paths import PathStudy
     from ..studies.simulation import Outcome
@@ -28,8 +29,18 @@ DASH = "; safe –: not known, as the robot misses what was not measured of this
 """Legend of a dash under "safe"."""
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 SOFTER = "On softer gearboxes these gains may not be safe."
+LEAST_LOWER = 0.1
+"""Factor on all gains from which on a limit of lower gains is told: 20 dB below, only a ramp passes it."""
 MOST_NAMES = 3
 """Most names of joints or links in a sentence."""
+
+
+def lower_gains(limit: "GainLimit") -> str:
+    """Sentence on lower gains at which a loop, stable as it is, vibrates, too; "" where there are none from LEAST_LOWER on."""
+    if not limit.stable or not limit.lower_gain >= LEAST_LOWER or not limit.lower_frequency > 0:
+        return ""
+    below = f"below {digits(limit.lower_gain, '×', 2)} these, at {frequency_text(limit.lower_frequency)}"
+    return f"Lower gains vibrate, too, {below}: neither halve nor ramp them."
 
 
 def headline(study: "Analysis", where: str = "", reading: str = "") -> str:

@@ -60,7 +60,7 @@ FRAGILE_STIFFNESS, FRAGILE_LOAD, FRAGILE_DELAY = (0.8, 1.0, 1.2), (0.5, 1.0, 1.5
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """What is compared: section `compare` of a joint's file.
+    """Settings of a comparison: section `compare` of a joint's file.
 
     structures   entries as structure_of takes them; (): those whose sensors are known
     objective    what is made small
@@ -470,7 +470,7 @@ def _where(system: System, place: Place) -> str:
 
 
 def _fragile(problem: Problem, found: Found, worst: float) -> Fragile:
-    """What becomes of parameters tuned at the nominal values on perturbed joints; `worst`: largest objective of those tuned in the box."""
+    """Fate on perturbed joints of parameters tuned at the nominal values; `worst`: largest objective of those tuned in the box."""
     joint, delay = problem.system.source, problem.system.delay
     changed = [
         {"stiffness": stiffness * joint.stiffness, "link_inertia": load * joint.link_inertia, "delay": delay + more}

@@ -526,6 +526,7 @@ class DisturbanceObserver(Controller):
         super().__post_init__()
         if any(np.size(getattr(self, name)) != 1 for name in self.gain_names()) or min(self.kp, self.bandwidth) <= 0:
             raise GainroomError("DisturbanceObserver: its values must be single numbers, kp > 0 N·m/rad and bandwidth > 0 rad/s")
+        _refuse_velocity_filter(self)
         if self.delay_ticks != round(self.delay_ticks) or not 0 <= self.delay_ticks <= MOST_TICKS:
             raise GainroomError(f"DisturbanceObserver: delay_ticks {self.delay_ticks:g} must be a whole number from 0 to {MOST_TICKS}")
 
@@ -572,6 +573,7 @@ class Compensator(Controller):
         if self._is_apart:
             self._require_together()
         super().__post_init__()
+        _refuse_velocity_filter(self)
 
     @property
     def laws(self) -> dict[Sensor, Factored]:  # type: ignore[override] - of the instance
@@ -670,6 +672,12 @@ def own_gain(gain: ArrayLike, k: int, size: int) -> float:
     """Diagonal entry of a gain for joint `k` of `size`; 0 where task matrices hold round-off alone, on joints that no task moves."""
     own = float(gain_matrix("gain", gain, size)[k, k])
     return own if np.ndim(gain) < 2 or abs(own) > ROUND_OFF * np.abs(gain).max() else 0.0
+
+
+def _refuse_velocity_filter(controller: Controller) -> None:
+    """Raise GainroomError for a filter of the velocity where the controller makes none of its own."""
+    if controller.velocity_filter is not None:
+        raise GainroomError(f"{type(controller).__name__}: velocity_filter: acts on nothing here, as its law has no velocity of its own")
 
 
 def _require_all(owner: str, name: str, values: tuple[Any, ...], kind: type) -> None:

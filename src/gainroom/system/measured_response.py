@@ -36,8 +36,7 @@ def measured_signals(parts: Parts) -> StateSpace:
 
 def spring_signals(plant: Plant, state: StateSpace, step: float | None) -> StateSpace:
     """Torque K (θ − q) + B (θ̇ − q̇) of one joint's spring, and in continuous time its rate, as outputs of `state`, its actuated_state."""
-    motor, link, motor_rate, link_rate = (state.c[k : k + 1] for k in range(4))
-    row = plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate)
+    row = spring_torque(plant, state)
     torque = StateSpace(state.a, state.b, row, np.zeros((1, state.b.shape[1])))
     # behind an ideal current loop the spring's damping lets a torque act on the rate at once
     return torque if step is not None else torque.stacked(StateSpace(state.a, state.b, row @ state.a, row @ state.b))
@@ -54,6 +53,12 @@ def _seen(parts: Parts, *signals: tuple[Side, Quantity], twists: bool = True) ->
     size = parts.plant.size
     rows = [(2 * size if quantity == "velocity" else 0) + (size if side == "link" else 0) + np.arange(size) for side, quantity in signals]
     return actuated_state(parts.plant, parts.drives, twists).between(np.arange(size), np.concatenate(rows))
+
+
+def spring_torque(plant: Plant, state: StateSpace) -> Floats:
+    """Row (1, m) of the torque K (θ − q) + B (θ̇ − q̇) of one joint's elastic spring in the states of `state`, its actuated_state."""
+    motor, link, motor_rate, link_rate = (state.c[k : k + 1] for k in range(4))
+    return plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate)
 
 
 @dataclass(frozen=True)

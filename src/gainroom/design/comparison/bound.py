@@ -25,7 +25,7 @@ FLOOR = 3e-3  # share of the compliance's weight that stays spread over low freq
 
 @dataclass(frozen=True)
 class Bound:
-    """What no linear controller on `certificate.sensor` that meets the ceilings comes below: peak |q/d| = `value` [rad/(N m)].
+    """Lower bound `value` [rad/(N m)] of the peak |q/d| of every linear controller on `certificate.sensor` that meets the ceilings.
 
     points: of half a circle on both grids; agreement: relative difference of their values.
     """

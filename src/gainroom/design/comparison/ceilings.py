@@ -1,4 +1,4 @@
-"""What every controller of a comparison is held to: sensitivity, delay reserve and torque noise, each convex in the closed loop."""
+"""Ceilings of every controller of a comparison: sensitivity, delay reserve and torque noise, each convex in the closed loop."""
 
 import math
 from collections.abc import Mapping
@@ -9,6 +9,11 @@ import numpy as np
 from ...errors import GainroomError, require_positive
 from ...system.linear.arrays import Floats
 from .exact_joint import SENSORS
+
+
+def turned(angle: Floats) -> Floats:
+    """Size of 1 − e^(−j angle) for the worst lag up to `angle` [rad]: 2 beyond π."""
+    return 2 * np.sin(np.minimum(angle, math.pi) / 2)
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,8 @@ class Ceilings:
             require_positive("ceilings", f"sensor_noise of {name}", value, zero=True)
 
     def delay_weight(self, omega: Floats) -> Floats:
-        """What |T| is multiplied by in the ceiling of the delay reserve, at omega [rad/s]: |1 − e^(−jωτ)|, 2 beyond ωτ = π."""
-        return 2 * np.sin(np.minimum(omega * self.delay_reserve, math.pi) / 2)
+        """Factor on |T| in the ceiling of the delay reserve, at omega [rad/s]."""
+        return turned(omega * self.delay_reserve)
 
     def noise_of(self, sensor: str) -> float | None:
         """Standard deviation of a sensor's noise as a share of torque_noise [1/(N m)]; None where torque noise has no ceiling."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...system.linear.arrays import Booleans, Complexes, Floats
-from .ceilings import Ceilings
+from .ceilings import Ceilings, turned
 from .exact_joint import SENSORS
 from .joint_responses import Joint, Responses, Turns, quadrature, responses
 from .objective import Objective
@@ -71,7 +71,7 @@ def curves(structure: Structure, x: Floats, joint: Joint, at: Responses, ceiling
     returned = sum(parts.values())
     sensitivity: Complexes = 1 / (1 + returned)
     size = np.abs(sensitivity)
-    delay = sum(np.abs(part) * _turn(omega * joint.reserves[path]) for path, part in parts.items()) * size
+    delay = sum(np.abs(part) * turned(omega * joint.reserves[path]) for path, part in parts.items()) * size
     density = None
     if ceilings.torque_noise is not None:
         density = 0.0
@@ -83,11 +83,6 @@ def curves(structure: Structure, x: Floats, joint: Joint, at: Responses, ceiling
             density = density + (law.response.real**2 + law.response.imag**2) * heard
         density = density * size**2
     return Curves(at.load[:, LINK] - sensitivity * pushed, size / ceilings.peak_sensitivity, delay, returned, density)
-
-
-def _turn(angle: Floats) -> Floats:
-    """Size of 1 − e^(−j angle), 2 beyond π."""
-    return 2 * np.sin(np.minimum(angle, math.pi) / 2)
 
 
 def is_stable(structure: Structure, x: Floats, turns: Turns, returned: Complexes) -> Booleans:

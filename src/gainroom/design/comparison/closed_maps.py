@@ -42,7 +42,7 @@ class AffineMap:
 
 @dataclass(frozen=True)
 class ClosedMaps:
-    """What a comparison bounds, for all stabilising controllers on `sensors`: torque noise has one map per sensor."""
+    """Closed-loop maps that a comparison bounds, of all stabilising controllers on `sensors`: torque noise has one per sensor."""
 
     compliance: AffineMap
     sensitivity: AffineMap

@@ -32,7 +32,7 @@ from .exact_joint import ExactJoint
 APART = 3.9
 """Steps of the grid that knots of the weights are at least apart: hats of 4 steps, less round-off."""
 ROUND_OFF = 1e-12
-"""Of the terms whose difference is the bound: responses are exact to some 1e-13, and large weights leave nothing else."""
+"""Share of the terms, whose difference is the bound, that counts as round-off: responses are exact to some 1e-13."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from ...errors import GainroomError
 from ...system.assembly import Parts, actuated_state
 from ...system.linear.arrays import Complexes, Floats
 from ...system.linear.state_space import StateSpace, hold
+from ...system.measured_response import spring_torque
 
 SENSORS = ("motor", "link", "torque")
 """Outputs of an ExactJoint: motor position [rad], link position [rad], spring torque [N m]."""
@@ -49,7 +50,5 @@ class ExactJoint:
 def sensed_state(parts: Parts) -> StateSpace:
     """Continuous state space of one joint from (torque into the current loop, load torque) to SENSORS, without delay."""
     plant, found = parts.plant, actuated_state(parts.plant, parts.drives)
-    motor, link, motor_rate, link_rate = (found.c[k : k + 1] for k in range(4))
-    elastic = math.isfinite(plant.stiffness[0])
-    spring = plant.stiffness[0] * (motor - link) + plant.damping[0] * (motor_rate - link_rate) if elastic else np.nan * motor
-    return StateSpace(found.a, found.b[:, [0, 2]], np.vstack([motor, link, spring]), np.zeros((3, 2)))
+    spring = spring_torque(plant, found) if math.isfinite(plant.stiffness[0]) else np.full((1, len(found.a)), np.nan)
+    return StateSpace(found.a, found.b[:, [0, 2]], np.vstack([found.c[:2], spring]), np.zeros((3, 2)))

@@ -61,7 +61,7 @@ class Responses:
 
 @dataclass(frozen=True)
 class Turns:
-    """What a count of turns has to know of a joint.
+    """Data of a joint for a count of turns.
 
     flat    factor (m,) that takes its lightly damped poles out of 1 + L, where L leaps by half a turn between two frequencies
     asked   angle [rad] by which (1 + L) · `flat` turns where the closed loop is stable, with a law whose poles are stable
@@ -128,7 +128,7 @@ class Joint:
         return np.linalg.eigvals(self.state.a).astype(complex)
 
     def turns(self, omega: Floats) -> "Turns":
-        """What a count of turns at omega (m,) [rad/s], rising, has to know of the joint."""
+        """Data of the joint for a count of turns at omega (m,) [rad/s], rising."""
         host, v = self.sample_times[HOST], self.variable(omega)
         start = float(np.angle(v[0] - self._poles).sum()) + self.ticks * float(omega[0]) * host
         upper = self._poles[self._poles.imag > 0]

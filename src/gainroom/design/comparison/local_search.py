@@ -20,7 +20,7 @@ from .closed_loop import PRICE, Corners, Curves, curves
 from .joint_responses import responses
 
 STEP = 1e-3
-"""Of a coordinate, and of ln ω, for differences: slopes are off by the square of it, curvatures by as much and 1e-9 of round-off."""
+"""Step of a coordinate, and of ln ω, for differences: slopes are off by the square of it, curvatures by as much and 1e-9 of round-off."""
 FARTHEST = 0.02  # distance, in ln ω, over which a peak that was not met is extrapolated
 BAND = 0.35  # ln below the highest peak of the objective from which on peaks have a model
 NEAR = -0.5  # ln of a curve over its ceiling from which on its peaks have one

@@ -1,4 +1,4 @@
-"""What compared structures make small: a measure of the compliance |q/d| from load torque to link position."""
+"""Objectives that compared structures make small: measures of the compliance |q/d| from load torque to link position."""
 
 import math
 from dataclasses import dataclass

@@ -75,7 +75,7 @@ def sample_places(system: System, count: int = SAMPLES) -> list[Place]:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is asked of every structure on one joint.
+    """Task of every structure on one joint: its box, ceilings and objective.
 
     system      with its box
     ceilings, objective

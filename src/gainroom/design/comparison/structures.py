@@ -97,7 +97,7 @@ class Structure:
 
     @property
     def where(self) -> str:
-        """Where the law runs, in words."""
+        """Places where the law runs, in words: "host", "host, kd in the drive"."""
         parts = [name for name, path in (("kd", self.velocity), ("τ_J", self.torque)) if path == DRIVE]
         return f"host, {' and '.join(parts)} in the drive" if parts else "host"
 
