@@ -615,7 +615,7 @@ def test_the_app_shows_a_controller(tmp_path: Path, observer: None):
 
     write_arm(tmp_path)
     joint, robot = (make(Opened(text, "file.yaml", tmp_path)) for make, text in ((JointBench, KNEE), (RobotBench, ARM)))
-    assert [gain["name"] for gain in joint.opening()["gains"]] == ["kp", "kd", "observer", "inertia"]
+    assert [gain["name"] for gain in joint.opening()["structures"][""]["gains"]] == ["kp", "kd", "observer", "inertia"]
     assert [gain["unit"] for gain in robot.opening()["gains"]["elbow"]] == ["N·m/rad", "N·m·s/rad", "rad/s", "kg·m²"]
     for bench, gains in ((joint, {"observer": 3.0}), (robot, {"elbow": {"observer": 3.0}})):
         parts = dict(bench.full(View.model_validate({"gains": gains}), None, lambda *_: None))
