@@ -105,6 +105,21 @@ def test_answer_page_and_joint(joint: Path, tmp_path: Path, capsys):
 
 
 @pytest.mark.slow
+def test_the_delay_reserve_of_the_limits_is_the_ceiling_and_what_joint_reports(joint: Path, tmp_path: Path, capsys):
+    """3 ms bind a PD that has 2.2 without: its row has just these, and so has the written joint, where it is required."""
+    joint.write_text(JOINT.replace("phase_margin_deg: 50.0", "delay_reserve_ms: 3.0"), "utf-8")
+    written = tmp_path / "better.yaml"
+    found = asked(capsys, "compare", joint, "--structures", "pd", "--no-bound", "--write", written)
+    assert found["ceilings"]["delay_reserve_ms"] == 3.0
+    (row,) = found["rows"]
+    assert 3.0 <= row["delay_reserve_ms"] < 3.0 * (1 + 1e-3)  # a search keeps 2e-4 of it
+    assert yaml.safe_load(written.read_text("utf-8"))["limits"]["delay_reserve_ms"] == 3.0
+    judged = asked(capsys, "joint", written)
+    assert judged["verdict"] == "safe"  # at all places examined; nothing is proved between them
+    assert judged["worst"]["delay_reserve_ms"] == pytest.approx(row["delay_reserve_ms"], rel=1e-6)  # seven digits are written
+
+
+@pytest.mark.slow
 def test_what_a_torque_sensor_buys(joint: Path, tmp_path: Path, capsys):
     """Told against PD and against the best without it; the controller that is written measures the spring's torque."""
     written = tmp_path / "sensed.yaml"

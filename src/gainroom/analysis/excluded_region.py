@@ -204,16 +204,16 @@ class Lines:
         inside = (point > omega[0]) & (point < omega[-1])
         return column[inside], point[inside]
 
-    def above(self, weight: Callable[[Floats], Floats], ceiling: float) -> list[Floats]:
-        """The kd on each line with which weight(ω) |L/(1 + L)| exceeds `ceiling` at some ω: as `excluded`.
+    def above(self, weight: Callable[[Floats], Floats]) -> list[Floats]:
+        """The kd on each line with which x |L/(1 + L)| exceeds 1 at some ω, x = `weight`(ω): as `excluded`.
 
-        With x = weight/ceiling these are |1 + L|² < |x L|², a quadratic inequality in kd at every ω: an interval where x < 1, and all but
+        These are |1 + L|² < |x L|², a quadratic inequality in kd at every ω: an interval where x < 1, and all but
         an interval, or everything, where x > 1.
         """
         kps = self.kps[:, None]
 
         def at(omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-            return *self._at(omega), weight(omega) / ceiling
+            return *self._at(omega), weight(omega)
 
         a, b, x = (part[None, :] for part in at(self.omega))
         lower, upper, inner = _exceeded(kps, a, b, x)

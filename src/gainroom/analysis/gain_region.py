@@ -20,7 +20,6 @@ from ..system.controller import PD, Controller, Terms
 from ..system.drive import Drive
 from ..system.elastic_joint import ElasticJoint
 from ..system.feedback import GivenFeedback
-from ..system.jitter_margin import speed, weight
 from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.linear.state_space import StateSpace
 from ..system.linear.transfer_function import Factored
@@ -112,8 +111,8 @@ class PDRegion:
             elif filled:
                 window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
                 lines = Lines(self._plane, self._curve.omega, kps[filled], window, polish)
-                shape, ceiling = one.excluded(needed), one.ceiling(needed, self.actuated.sample_time)
-                walls = lines.excluded(shape) if shape is not None else lines.above(self._weight, ceiling)  # type: ignore[arg-type] - one is known
+                shape = one.excluded(needed)
+                walls = lines.excluded(shape) if shape is not None else lines.above(one.weight(needed, self.actuated, self.unsampled))
                 for m, wall in zip(filled, walls, strict=True):
                     free[m] = without(free[m], wall)
         return free
@@ -268,14 +267,6 @@ class PDRegion:
     @cached_property
     def _plane(self) -> GainPlane:
         return GainPlane.of(*map(self._returned, self.template.plane()))
-
-    def _weight(self, omega: Floats) -> Floats:
-        """Weight (k,) of the complementary sensitivity, whose ceiling the jitter margin is."""
-        if isinstance(self.actuated, Sensed):
-            if self.actuated.sample_time is not None:
-                self.actuated.feedback.require_one("the jitter margin of a sampled loop")
-            return speed(omega, None)
-        return weight(self.actuated, self.unsampled, omega)
 
     @cached_property
     def _curve(self) -> BoundaryCurve:

@@ -23,7 +23,7 @@ from ..report.joint import joint_page
 from ..report.joint_tables import JointPresentation
 from ..report.joint_text import sentence, warnings
 from ..report.map_lines import MapView as Window, heights, opened, outlines, required_lines
-from ..report.margin_columns import margin_columns, margins_text
+from ..report.margin_columns import known_columns, margins_text
 from ..report.over_time import LOAD, drawn_until
 from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
@@ -101,7 +101,7 @@ class JointBench:
                 lines = [*joint_gains(controller), *self._other_lines(view)]
             return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in lines)
         gain = gain_of(controller, form)
-        kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
+        kept = margins_text(study.margins, study.system.requirements) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
         if (feedback := study.system.control.feedback).mixed:  # which no form has a key for
             kept += f", measured on {feedback.where}"
@@ -273,7 +273,7 @@ def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     best = None if study.recommended is None else study.recommended.worst
     margins = {"numbers": study.margins, "worst": study.in_range.margins}
     return {"basis": basis, **verdict_facts(study, sentence(study), best)} | {
-        key: facts(margin_columns(), found) for key, found in margins.items()
+        key: facts(known_columns(study.system.requirements), found) for key, found in margins.items()
     }
 
 

@@ -281,7 +281,7 @@ def ceilings_text(shown: "ComparisonPresentation") -> str:
     """Sentence on the ceilings of every structure, and where they come from."""
     found, given, settings = shown.found, shown.given, shown.settings
     ceilings, usual = found.ceilings, Requirements.usual().peak_sensitivity
-    reserve = "half of the delay" if settings.delay_reserve is None else "as asked"
+    reserve = "limits" if "delay_reserve" in given.requirements.asked else "half of the delay"
     parts = [
         f"Ms ≤ {digits(ceilings.peak_sensitivity)} ({'usual' if ceilings.peak_sensitivity == usual else 'limits'})",
         f"delay reserve ≥ {digits(1e3 * ceilings.delay_reserve, 'ms', 3)} ({reserve})",

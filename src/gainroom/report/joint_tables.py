@@ -9,7 +9,7 @@ from ..analysis.margin_record import Margins
 from ..studies.joint import JointStudy, NoGainsError
 from ..system.controller import type_of
 from ..system.margin_units import to_db
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .columns import Column, facts as row_facts, yes
 from .gain_advice import ToUse, joint_to_use, verdict_lines
@@ -53,6 +53,7 @@ class JointPresentation(Presentation):
     def facts(self) -> dict[str, Any]:
         study = self.study
         margins, rule, best, usual = study.margins, study.rule, study.recommended, study.at_usual_rate
+        asked = study.system.requirements
         return {
             **study.verdict.facts,
             "stable": margins.stable,
@@ -62,7 +63,7 @@ class JointPresentation(Presentation):
             "sentence": sentence(study),
             **model_facts(study.system.control.sample_time),
             "unstable_roots": margins.unstable_roots,
-            **_margins(margins),
+            **_margins(asked, margins),
             "torque_per_count": study.torque_per_count,
             "max_kp": study.max_kp,
             "max_kd": study.max_kd,
@@ -71,14 +72,14 @@ class JointPresentation(Presentation):
             "limit_frequency_rad_s": study.limit.frequency,
             "requirements_met": study.requirements_met,
             "unmet": list(study.unmet),
-            "worst": _margins(study.in_range.margins),
+            "worst": _margins(study.system.requirements, study.in_range.margins),
             "worst_case": {name: study.case_of(name) or None for name in study.worst},
             "required": required_facts(study.system.requirements),
             **motion_facts(study.response),
             "recommended": None if best is None else _recommended_facts(study, best),
             "at_usual_rate": None if usual is None else _rate_facts(usual),
             "uncertainty_cost": None if study.uncertainty_cost is None else _cost_facts(study.uncertainty_cost),
-            "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": _margins(rule.margins)},
+            "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": _margins(asked, rule.margins)},
             "warnings": [*warnings(study), *notes(study)],
         }
 
@@ -110,8 +111,8 @@ class NoGains(Presentation):
         return f"{text[:1].upper()}{text[1:]}."
 
 
-def _margins(margins: Margins) -> dict[str, Any]:
-    return row_facts(reported_columns(None, margins), margins)
+def _margins(asked: Requirements, margins: Margins) -> dict[str, Any]:
+    return row_facts(reported_columns(asked, margins), margins)
 
 
 def _own_gains(controller: Any) -> dict[str, float]:
@@ -127,8 +128,8 @@ def _recommended_facts(study: JointStudy, recommended: "Recommendation") -> dict
         "objective": recommended.objective,
         "dynamic_stiffness": recommended.stiffness,
         **motion_facts(study.recommended_response or study.response),
-        "margins": _margins(recommended.worst),
-        "nominal": _margins(recommended.nominal),
+        "margins": _margins(study.system.requirements, recommended.worst),
+        "nominal": _margins(study.system.requirements, recommended.nominal),
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
         "costs": recommended.costs | ({} if study.exact is None or study.cost is None else {"uncertainty": study.exact.value}),
@@ -141,7 +142,7 @@ def _rate_facts(study: JointStudy) -> dict[str, Any]:
     """JSON of the recommended gains at the usual rate, and of those recommended for that rate."""
     return {
         "sample_rate_hz": 1 / (study.system.control.sample_time or 1.0),
-        "margins": _margins(study.in_range.margins),
+        "margins": _margins(study.system.requirements, study.in_range.margins),
         "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
         "recommended": None if study.recommended is None else _own_gains(study.recommended.controller),

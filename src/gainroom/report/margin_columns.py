@@ -79,15 +79,21 @@ def reported_columns(required: Requirements | None, *found: Margins) -> list[Col
     return [column for column in margin_columns() if column.requirement in known]
 
 
+def known_columns(required: Requirements) -> list[Column]:
+    """Margin columns of one joint, known or not, without those of requirements that are reported only where they are asked for."""
+    left_out = {one.name for one in REQUIREMENTS.values() if one.only_asked} - set(required.asked)
+    return [column for column in margin_columns() if column.requirement not in left_out]
+
+
 def bounded_columns() -> list[Column]:
     """Margin columns that requirements bound."""
     return [column for column in margin_columns() if column.title and column.requirement]
 
 
-def margin_facts(margins: Margins) -> dict[str, Any]:
+def margin_facts(margins: Margins, asked: Requirements | None = None) -> dict[str, Any]:
     """JSON of the margins that requirements bound."""
     several = len(margins.one_loop.gain_margin) > 1
-    return {key: value for one in reported(None, several, margins) for key, value in one.facts(margins).items()}
+    return {key: value for one in reported(asked, several, margins) for key, value in one.facts(margins).items()}
 
 
 def required_facts(required: Requirements) -> dict[str, Any]:
@@ -96,10 +102,10 @@ def required_facts(required: Requirements) -> dict[str, Any]:
     return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
 
 
-def margins_text(margins: Margins) -> str:
+def margins_text(margins: Margins, asked: Requirements | None = None) -> str:
     """Margins that requirements bound, as text: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
     several = len(margins.one_loop.gain_margin) > 1
-    named = ((one, one.titled(margins, several)) for one in reported(None, several, margins))
+    named = ((one, one.titled(margins, several)) for one in reported(asked, several, margins))
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 

@@ -36,6 +36,7 @@ from ..design.comparison.structures import Structure
 from ..design.parallel import in_parallel
 from ..errors import GainroomError, digits
 from ..system.gain_path import GainPath
+from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from ..system.uncertainty import NOMINAL, Place
 from .progress import Progress, quiet
@@ -66,14 +67,13 @@ class ComparisonSettings:
     objective    what is made small
     sensor_noise standard deviation per sample by sensor: of an encoder step/√12 [rad], of the torque sensor [N m]
     path         the drive's own loop; None: 0.1 ms, 20 kHz
-    delay_reserve, torque_noise   ceilings [s], [N m]; None: half of the drive's delay; what the best PD makes
+    torque_noise ceiling [N m]; None: that of the limits, else what the best PD makes
     """
 
     structures: tuple[Any, ...] = ()
     objective: Objective = field(default_factory=Objective)
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
     path: GainPath | None = None
-    delay_reserve: float | None = None
     torque_noise: float | None = None
 
 
@@ -295,7 +295,7 @@ def _usual_path(system: System) -> GainPath:
 def _ceilings(system: System, settings: ComparisonSettings) -> Ceilings:
     """Ceilings that every structure is held to; the torque noise None where it is that of the best PD."""
     asked = {name: getattr(system.requirements, name) for name in system.requirements.asked}
-    reserve = settings.delay_reserve if settings.delay_reserve is not None else SHARE * system.delay
+    reserve = asked.get("delay_reserve", SHARE * system.delay)
     noise = settings.torque_noise if settings.torque_noise is not None else asked.get("torque_noise")
     sensed, step = dict(settings.sensor_noise), system.drives[0].resolution
     if step > 0:
@@ -370,19 +370,9 @@ def _noise(problem: Problem, found: Found, places: Sequence[Place]) -> float:
 
 
 def _reserve(problem: Problem, found: Found) -> float:
-    """Least delay reserve over the corners [s]: the largest τ with Σ|L_p S||1 − e^(−jωτ_p)| ≤ 1, τ_p in the ratio of the reserves."""
-    least = math.inf
-    for place in corner_places(problem.system):
-        joint = problem.joint(found.structure, place)
-        omega = joint.grid(FINE)
-        responses, low, high = joint.at(omega), 0.0, 64.0
-        for _ in range(40):
-            middle = (low + high) / 2
-            later = replace(joint, reserves={path: middle * one for path, one in joint.reserves.items()})
-            kept = curves(found.structure, found.x[None], later, responses, problem.ceilings).delay.max() <= 1
-            low, high = (middle, high) if kept else (low, middle)
-        least = min(least, low * problem.ceilings.delay_reserve)
-    return least
+    """Least delay reserve over the corners [s]; NaN where it is not known, as of kd in a drive without delay."""
+    systems = (found.structure.system(found.x, problem.system.at(place), problem.path) for place in corner_places(problem.system))
+    return float(np.min([REQUIREMENTS["delay_reserve"].measured_once(system.loop()) for system in systems]))
 
 
 def _row(problem: Problem, structure: Structure, found: Found | None, alone: Found | None, checkpoint: Callable[[], None]) -> Row:

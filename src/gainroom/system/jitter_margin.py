@@ -91,7 +91,7 @@ def jitter_margin(loop: Loop) -> JitterMargin:
     if loop.sample_time is not None:  # whose aliases differ from side to side
         loop.require_one_side("the jitter margin of a sampled loop")
     if "jitter" not in loop.measurements:
-        peak = _sampled_peak(loop) if loop.scalar is None else _ScalarPeak.of(loop).found()
+        peak = sampled_peak(Heights.of(loop), loop.sample_time) if loop.scalar is None else ScalarPeak.of(loop).found()
         place = peak.omega if peak.height > 0 else math.nan
         loop.measurements["jitter"] = JitterMargin(width_below(peak.height, loop.sample_time), place, peak.certified, peak.units)
     return loop.measurements["jitter"]
@@ -105,7 +105,7 @@ def width_about(loop: Loop, known: JitterMargin) -> float:
     """
     if not math.isfinite(known.frequency):
         return jitter_margin(loop).width
-    heights = _Heights(loop, known.units) if loop.scalar is None else _ScalarPeak.of(loop)
+    heights = Heights(loop, known.units) if loop.scalar is None else ScalarPeak.of(loop)
     return width_below(float(heights.at(np.array([known.frequency]))[0]), loop.sample_time)
 
 
@@ -132,7 +132,7 @@ def height_at(width: float, sample_time: float | None) -> float:
     return 1 / (sample_time * math.sqrt(whole**2 + (2 * whole + 1) * part))
 
 
-class _Peak(NamedTuple):
+class Peak(NamedTuple):
     """Peak of the weighted complementary sensitivity: height [1/s], frequency [rad/s]; `certified` and `units` as in JitterMargin."""
 
     height: float
@@ -267,7 +267,7 @@ def speed(omega: Floats, sample_time: float | None) -> Floats:
 
 
 @dataclass(frozen=True)
-class _ScalarPeak:
+class ScalarPeak:
     """The peak of H = |v| P_e |D| / |1 + L| of one joint (|v T| where no aliases are known), by branch and bound over ω.
 
     On an interval each factor v − root of a transfer function keeps within half the interval of what it is in the middle. That bounds H
@@ -279,16 +279,16 @@ class _ScalarPeak:
     aliases: Aliases | None
 
     @classmethod
-    def of(cls, loop: Loop) -> "_ScalarPeak":
+    def of(cls, loop: Loop) -> "ScalarPeak":
         """Peak of a loop of one joint that has a return ratio in zeros and poles."""
         assert loop.scalar is not None
         return cls(loop.scalar.reduced, None if loop.control is None else loop.control.scaled(loop.gain), aliases_of(loop))
 
-    def found(self) -> _Peak:
+    def found(self) -> Peak:
         """Peak of H; `certified`: H is proved to exceed it nowhere by more than TOLERANCE. Height 0, frequency NaN if all gains are 0."""
         units = np.ones(1)
         if self.loop.gain == 0:
-            return _Peak(0.0, math.nan, True, units)
+            return Peak(0.0, math.nan, True, units)
         first, last, best = self._ends()
         low, high = _split(first, last)
         certified, spent = True, 0
@@ -305,7 +305,7 @@ class _ScalarPeak:
                 break
             low, high = _divided(low[left], high[left], value[left], bound[left], limit)
         outside = max(self._below(first), self._above(last))
-        return _Peak(*best, certified and outside <= best[0] * (1 + TOLERANCE), units)
+        return Peak(*best, certified and outside <= best[0] * (1 + TOLERANCE), units)
 
     @property
     def _time(self) -> float | None:
@@ -324,6 +324,19 @@ class _ScalarPeak:
 
     def _bound(self, low: Floats, high: Floats) -> Floats:
         """Upper bound (m,) of H on each interval."""
+        plain, away = self.without_aliases(low, high)
+        if self.aliases is None:
+            return plain
+        assert self.control is not None
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            near, far = _reach(self._points(middle), half, self.control)
+            control = np.exp((far - near)[:, 0]) * abs(self.control.gain)
+            fast = speed(high, self._time) * self.aliases.highest(middle, half) * _over(control, away)
+            return np.fmin(self.aliases.highest_ratio(middle, half) * plain, fast)
+
+    def without_aliases(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """Upper bound (m,) of |v T| on each interval, and lower bound (m,) of |1 + L|."""
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         value = self.loop.at(1j * middle)
         size = np.abs(value)
@@ -336,15 +349,7 @@ class _ScalarPeak:
             sensitivity, complementary = _over(1.0, away), np.fmin(_over(1.0, back), _over(np.exp(log_high), away))
             slope, bend = self._slopes(low, middle, half, value, sensitivity, complementary)
             tangent = speed(middle, self._time) * np.abs(value / (1 + value)) * np.exp(np.abs(slope) * half + 0.5 * bend * half**2)
-            complementary = np.fmin(fast * complementary, tangent)
-            if self.aliases is None:
-                return complementary
-            assert self.control is not None
-            near, far = _reach(self._points(middle), half, self.control)
-            control = np.exp((far - near)[:, 0]) * abs(self.control.gain)
-            return np.fmin(
-                self.aliases.highest_ratio(middle, half) * complementary, fast * self.aliases.highest(middle, half) * _over(control, away)
-            )
+            return np.fmin(fast * complementary, tangent), away
 
     def _slopes(
         self, low: Floats, middle: Floats, half: Floats, value: Complexes, sensitivity: Floats, complementary: Floats
@@ -395,20 +400,32 @@ class _ScalarPeak:
         sizes = np.abs(np.concatenate([loop.zeros, loop.poles]))
         sizes = np.append(sizes[sizes > 0], 1 / loop.delay if loop.delay > 0 else [])
         sizes = np.append(sizes, abs(loop.gain) ** (1 / loop.relative_degree) if loop.relative_degree > 0 else 1.0)
-        if time is not None:
-            last, best = math.pi / time, (float(self.at(np.array([math.pi / time]))[0]), math.pi / time)
-        else:
-            last, most = LAST * float(sizes.max()), {0: math.inf, 1: abs(loop.gain)}.get(loop.relative_degree, 0.0)
-            best = (most, math.inf)
+        last = LAST * float(sizes.max()) if time is None else math.pi / time
         first = min(FIRST * float(sizes.min()), FIRST * last)
         for _ in range(DECADES):  # a loop that comes to rest at −1 has no such bound: its peak is then not certified
             if self._below(first) < math.inf:
                 break
             first *= 0.1
-        return first, last, best
+        return first, last, self._at_the_end()
+
+    def _at_the_end(self) -> tuple[float, float]:
+        """H [1/s] at the highest frequency there is, and that frequency [rad/s]."""
+        if self._time is not None:
+            last = math.pi / self._time
+            return float(self.at(np.array([last]))[0]), last
+        return {0: math.inf, 1: abs(self.loop.gain)}.get(self.loop.relative_degree, 0.0), math.inf
 
     def _below(self, first: float) -> float:
-        """Upper bound of H below `first` [rad/s], which is far below all corners: L is a power of the frequency there, and little else."""
+        """Upper bound of H below `first` [rad/s], which is far below all corners."""
+        most, moved = self.most_below(first)
+        ratio = 1.0 if self.aliases is None else float(self.aliases.ratio(np.array([first]))[0])
+        return first * most * ratio * (1 + moved)
+
+    def most_below(self, first: float) -> tuple[float, float]:
+        """Upper bound of |T| below `first` [rad/s], and of the relative change of L against a power of the frequency.
+
+        `first` is far below all corners: L is a power of the frequency there, and little else.
+        """
         roots = np.concatenate([self.loop.zeros, self.loop.poles])
         roots = np.abs(roots[roots != 0])
         moved = math.expm1(2 * float(np.sum(first / np.maximum(roots - first, first))) + first * self.loop.delay)
@@ -422,17 +439,20 @@ class _ScalarPeak:
             most = size * (1 + moved) / away if away > 0 else math.inf
         else:
             most = 2 * size * (1 + moved) if size * (1 + moved) < 0.5 else math.inf
-        ratio = 1.0 if self.aliases is None else float(self.aliases.ratio(np.array([first]))[0])
-        return first * most * ratio * (1 + moved)
+        return most, moved
 
     def _above(self, last: float) -> float:
         """Upper bound of H above `last` [rad/s], which is far above all corners; 0 in sampled time, which ends there."""
-        loop = self.loop
         if self._time is not None:
             return 0.0
+        return last * self.most_above(last) if self.loop.relative_degree > 0 else math.inf
+
+    def most_above(self, last: float) -> float:
+        """Upper bound of |T| above `last` [rad/s], which is far above all corners, in continuous time."""
+        loop = self.loop
         size = abs(loop.gain) * float(np.prod(1 + np.abs(loop.zeros) / last) / np.prod(1 - np.abs(loop.poles) / last))
         size *= last ** (-loop.relative_degree)
-        return last * size / (1 - size) if size < 1 and loop.relative_degree > 0 else math.inf
+        return size / (1 - size) if size < 1 else math.inf
 
 
 def _over(above: Floats | float, below: Floats) -> Floats:
@@ -469,7 +489,7 @@ def aliases_of(loop: Loop) -> Aliases | None:
 
 
 @dataclass(frozen=True)
-class _Heights:
+class Heights:
     """Largest singular value of the weighted complementary sensitivity T of several loops, or of one loop given as a callable.
 
     units   (n,) U of the module: T is U⁻¹ T U at the torques
@@ -479,7 +499,7 @@ class _Heights:
     units: Floats
 
     @classmethod
-    def of(cls, loop: Loop) -> "_Heights":
+    def of(cls, loop: Loop) -> "Heights":
         """Heights with torques in units of the joints' own (Plant.units)."""
         return cls(loop, np.ones(1) if loop.parts is None else loop.parts.plant.units)
 
@@ -530,7 +550,7 @@ class _Heights:
         values = np.linalg.eigvalsh(scaled @ scaled.conj().swapaxes(1, 2))[:, -1]
         return speed(omega, self.loop.sample_time) * np.sqrt(np.maximum(values, 0.0))
 
-    def balanced(self, omega: float) -> "_Heights":
+    def balanced(self, omega: float) -> "Heights":
         """Copy with other `units`: those that make row and column norms of T at `omega` [rad/s] equal (balancing, Osborne 1960)."""
         loop, s = self.loop, 1j * np.array([omega])
         actuated, control = loop.actuated_at(s), loop.control_at(s)
@@ -546,13 +566,15 @@ class _Heights:
         return replace(self, units=units)
 
 
-def _sampled_peak(loop: Loop) -> _Peak:
-    """Peak for several loops, or one given as a callable, by refined samples: never certified.
+def sampled_peak(heights: Heights, step: float | None) -> Peak:
+    """Peak for several loops, or one given as a callable, by refined samples up to half of the rate 1/`step`: never certified.
 
     For several loops the units are balanced at the peak, and the peak is searched again, as long as it falls.
     """
-    heights, omega = _Heights.of(loop), _first_samples(loop)
+    loop, omega = heights.loop, _first_samples(heights.loop, step)
     matrices = heights.without_aliases(omega)
+    if not heights.scaled(omega, matrices).any():
+        return Peak(0.0, math.nan, False, heights.units)
     height, place = _peak(heights, omega, heights.scaled(omega, matrices))
     for _ in range(ROUNDS if loop.size > 1 else 0):
         other = heights.balanced(place)
@@ -562,10 +584,10 @@ def _sampled_peak(loop: Loop) -> _Peak:
             heights, height, place = other, lower, there
         if little:
             break
-    return _Peak(height, place, False, heights.units)
+    return Peak(height, place, False, heights.units)
 
 
-def _peak(heights: _Heights, omega: Floats, value: Floats) -> tuple[float, float]:
+def _peak(heights: Heights, omega: Floats, value: Floats) -> tuple[float, float]:
     """Height [1/s] and frequency [rad/s] of the highest peak, from samples `value` (k,) at omega (k,) that leave aliases out.
 
     Samples are added where neighbours differ much. Every local maximum that could be the highest once aliases are included is polished
@@ -602,15 +624,15 @@ def _polished(height: Callable[[Floats], Floats], low: float, high: float, flat:
         low, high = float(omega[max(top - 1, 0)]), float(omega[min(top + 1, FINER - 1)])
 
 
-def _first_samples(loop: Loop) -> Floats:
-    """Frequencies (k,) [rad/s] at which the search begins: all orders of magnitude, and denser around every resonance."""
+def _first_samples(loop: Loop, step: float | None) -> Floats:
+    """Frequencies (k,) [rad/s] at which the search begins: all orders of magnitude up to π/`step`, and denser around every resonance."""
     if loop.function is not None:
         return np.geomspace(1e-3, 1e6, 9 * SAMPLES_PER_DECADE)
     roots = np.concatenate([loop.corner_frequencies.poles, loop.corner_frequencies.zeros])
     sizes = np.abs(roots[roots != 0])
     delay = 0.0 if loop.parts is None else float(loop.parts.delays.max(initial=0.0))
     sizes = np.append(sizes, 1 / delay if delay else [])
-    last = math.inf if loop.sample_time is None else math.pi / loop.sample_time
+    last = math.inf if step is None else math.pi / step
     low, high = (float(sizes.min()), float(sizes.max())) if len(sizes) else (1.0, 1.0)
     high = min(100 * high, last)
     low = min(0.01 * low, 0.01 * high)

@@ -36,6 +36,7 @@ class Requirement:
     usual    default bound; None: not required by default
     meaning  explanation for several coupled loops, one sentence
     always   False: reported only where it is asked for or known
+    only_asked   True: reported only where it is asked for
     of_one   True: reported of a single joint, and of several only where it is asked for
     of_several   title for several loops, where the margin is by definition of all loops together, or of each; "": the title says it
     """
@@ -57,6 +58,7 @@ class Requirement:
     of_several: str = ""
     of_one: bool = False
     always: bool = True
+    only_asked: bool = False
 
     def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
         """Title of the margin in `found`, with the loops it belongs to where there are several; `short`: as table heading."""
@@ -189,16 +191,18 @@ class Requirement:
         """
         return None
 
-    def ceiling(self, needed: float, sample_time: float | None) -> float | None:
-        """Ceiling of the weighted complementary sensitivity of one joint (jitter_margin.py) that meets `needed`, exactly; None: none does.
+    def weight(self, needed: float, actuated: Any, unsampled: Any) -> Callable[[Floats], Floats]:
+        """Function ω (k,) [rad/s] → x (k,), with x |T| ≤ 1 of one joint, T = L/(1 + L), exactly where `needed` is met.
 
-        Of one joint the gains that meet it are then known in closed form, as those of an excluded set are.
+        actuated   Factored or Sensed of the joint; unsampled: the same in continuous time, None where it is not known
+
+        Where it is defined, the gains of one joint that meet it are known in closed form, as those of an excluded set are.
         """
-        return None
+        raise NotImplementedError(f"{self.name} is no ceiling of the complementary sensitivity")
 
     def in_closed_form(self, needed: float) -> bool:
-        """True if gains of one joint that meet `needed` are known in closed form, by an excluded set or a ceiling."""
-        return self.excluded(needed) is not None or self.ceiling(needed, None) is not None
+        """True if gains of one joint that meet `needed` are known in closed form, by an excluded set or a weight."""
+        return self.excluded(needed) is not None or type(self).weight is not Requirement.weight
 
     def reach(self, needed: float) -> float:
         """Factor on all gains up to which coupled loops have to be sampled finely."""

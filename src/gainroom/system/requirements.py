@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import GainroomError
+from .delay_reserve import delay_reserve, reserve_about, turned
 from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
 from .gain_bounds import BOUNDS
-from .jitter_margin import height_at, jitter_margin, width_about
+from .jitter_margin import height_at, jitter_margin, speed, weight, width_about
 from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import from_db, to_db
+from .measured_response import Sensed
 from .requirement import Requirement
 from .torque_noise import NoisePlane, torque_noise
 
@@ -143,8 +145,36 @@ class VaryingDelays(Requirement):
         value, loops = self.value(found), found.loops if found.stable else ()
         return next((jitter_margin(loop).frequency for loop in loops if self.measured_once(loop) == value), math.nan)
 
-    def ceiling(self, needed: float, sample_time: float | None) -> float | None:
-        return height_at(needed, sample_time)
+    def weight(self, needed: float, actuated: Any, unsampled: Any) -> Callable[[Floats], Floats]:
+        time = actuated.sample_time
+        height = height_at(needed, time)
+        if not isinstance(actuated, Sensed):
+            return lambda omega: weight(actuated, unsampled, omega) / height
+        if time is not None:
+            actuated.feedback.require_one("the jitter margin of a sampled loop")
+        return lambda omega: speed(omega, None) / height
+
+
+@dataclass(frozen=True)
+class DelayReserve(Requirement):
+    """Delay reserve τ [s] > 0: |T| |1 − e^(−jωτ)| ≤ 1, so that the loop is stable with any extra delay up to τ (delay_reserve.py).
+
+    It is no more than the delay margin, and bounds |T| at all frequencies.
+    """
+
+    def measured(self, loop: Any) -> float:
+        return delay_reserve(loop).width
+
+    def measured_about(self, loop: Any, near: Any) -> float:
+        return reserve_about(near, delay_reserve(loop))
+
+    def frequency(self, found: MarginRecord) -> float:
+        """Frequency [rad/s] of the peak that bounds the delay reserve, in the loop with the least one; NaN if it is not known."""
+        value, loops = self.value(found), found.loops if found.stable else ()
+        return next((delay_reserve(loop).frequency for loop in loops if self.measured_once(loop) == value), math.nan)
+
+    def weight(self, needed: float, actuated: Any, unsampled: Any) -> Callable[[Floats], Floats]:
+        return lambda omega: turned(omega * needed)
 
 
 @dataclass(frozen=True)
@@ -245,6 +275,16 @@ REQUIREMENTS: dict[str, Requirement] = {
             meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
             "with a proof that the robot does not start to vibrate.",
         ),
+        DelayReserve(
+            "delay_reserve",
+            "delay reserve",
+            "delay_reserve_ms",
+            "ms",
+            scale=1e3,
+            most=1000.0,
+            only_asked=True,
+            meaning="the extra delay, constant and of each joint its own, up to which the robot provably does not start to vibrate.",
+        ),
         TorqueNoise(
             "torque_noise",
             "torque noise",
@@ -273,7 +313,7 @@ REQUIREMENTS: dict[str, Requirement] = {
         ),
     )
 }
-"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), no delay or jitter margin, nor noise."""
+"""All requirements, by name. Defaults: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3), none of delay, jitter and noise."""
 
 
 SWAY_DAMPING = SwayDamping("sway_damping_ratio", "damping ratio of sway", "sway_damping_ratio", high=1.0)
@@ -287,13 +327,15 @@ def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) 
     """Requirements whose margins are reported.
 
     For `several` joints, requirements defined for one loop alone are reported only if `asked` for. A requirement that is not reported by
-    default needs to be asked for, or to have a known value in one of `found`.
+    default needs to be asked for, or, unless it is `only_asked`, to have a known value in one of `found`.
     """
 
     def is_reported(one: Requirement) -> bool:
         if asked is not None and one.name in asked.needed:
             return True
-        return not (several and one.of_one) and (one.always or not all(math.isnan(one.value(margins)) for margins in found))
+        return not (one.only_asked or (several and one.of_one)) and (
+            one.always or not all(math.isnan(one.value(margins)) for margins in found)
+        )
 
     return list(filter(is_reported, REQUIREMENTS.values()))
 

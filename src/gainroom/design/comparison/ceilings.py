@@ -4,16 +4,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ...errors import GainroomError, require_positive
+from ...system.delay_reserve import turned
 from ...system.linear.arrays import Floats
 from .exact_joint import SENSORS
-
-
-def turned(angle: Floats) -> Floats:
-    """Size of 1 − e^(−j angle) for the worst lag up to `angle` [rad]: 2 beyond π."""
-    return 2 * np.sin(np.minimum(angle, math.pi) / 2)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...system.delay_reserve import turned
 from ...system.linear.arrays import Booleans, Complexes, Floats
-from .ceilings import Ceilings, turned
+from .ceilings import Ceilings
 from .exact_joint import SENSORS
 from .joint_responses import Joint, Responses, Turns, quadrature, responses
 from .objective import Objective

@@ -99,7 +99,7 @@ class Problem:
         reserves = {HOST: self.ceilings.delay_reserve}
         if not structure.in_drive:
             return Joint.of(system, reserves, None)
-        share = self.ceilings.delay_reserve / self.system.delay if self.system.delay > 0 else 0.0
+        share = self.ceilings.delay_reserve / system.delay if system.delay > 0 else 0.0
         return Joint.of(system, reserves | {DRIVE: share * self.path.delay}, self.path)
 
     @cached_property
