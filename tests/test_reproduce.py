@@ -13,7 +13,7 @@ import pytest
 import scipy.optimize
 
 from gainroom.cli import main
-from gainroom.paper import FIGURES, Reproduced, Reproduction, eq4, eq10, run_reproduction
+from gainroom.paper import FIGURES, Reproduced, Reproduction, eq4, eq10, fig13, run_reproduction
 from gainroom.paper.page import reproduction_page
 from gainroom.paper.row import at_least, compare
 from gainroom.robot.tasks import Tasks
@@ -21,6 +21,7 @@ from gainroom.system.closed_loop import ClosedLoop
 
 FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
 PREFIXES = ("eq4.", "fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")
+TOLD_ANEW = ("fig13.",)
 ROBOT_PREFIXES = ("eq10.", "fig12.", "fig14.", "table1.", "claim2.", "claim3.", "claim4.")
 
 
@@ -39,9 +40,33 @@ def test_every_row_agrees_and_every_figure_is_there(result: Reproduction):
     assert [row.id for row in result.rows if row.id.startswith(PREFIXES) and not row.agrees] == []
     ids = [row.id for row in result.rows]
     assert len(set(ids)) == len(ids)
-    assert all(name.startswith((*PREFIXES, *ROBOT_PREFIXES)) for name in ids)
-    assert all(any(name.startswith(prefix) for name in ids) for prefix in (*PREFIXES, *ROBOT_PREFIXES))
+    assert all(name.startswith((*PREFIXES, *TOLD_ANEW, *ROBOT_PREFIXES)) for name in ids)
+    assert all(any(name.startswith(prefix) for name in ids) for prefix in (*PREFIXES, *TOLD_ANEW, *ROBOT_PREFIXES))
     assert not result.warnings
+
+
+@pytest.mark.slow
+def test_what_the_ppi_buys_at_equal_robustness():
+    """Printed gains by hand: (40, 1, 1), (20, 5, 0.1) and (100, 5, 1) against PD's (50, 1), (90, 5) and (200, 15)."""
+    found = {row.id.removeprefix("fig13."): row for row in fig13.rows()}
+    for key, value, agrees in (
+        ("x.stiffness_over_pd", 41 / 50, True),
+        ("x.damping_over_pd", 1.0, True),
+        ("x.integral_time_s", 41 / 40, True),
+        ("y.stiffness_over_pd", 100.1 / 90, True),
+        ("y.integral_time_s", 100.1 / 2, False),
+        ("z.stiffness_over_pd", 501 / 200, False),
+        ("z.damping_over_pd", 5 / 15, False),
+        ("z.integral_time_s", 501 / 100, False),
+    ):
+        assert found[key].computed == pytest.approx(value, rel=1e-12)
+        assert found[key].agrees is agrees
+    assert "5.2 mm by this stiffness alone" in found["z.stiffness_over_pd"].note  # 13 mm · 200/501
+    assert found["pid.deviation"].agrees
+    assert found["equal.dynamic_stiffness"].agrees
+    assert 1.0 <= found["equal.step_load"].computed < 1.15  # beside the 13 times of 13 and 1 mm
+    for objective in ("dynamic_stiffness", "step_load"):
+        assert all(row.holds for row in fig13.compared(objective).rows)
 
 
 def test_rows_of_equations_see_a_wrong_sign(monkeypatch: pytest.MonkeyPatch):

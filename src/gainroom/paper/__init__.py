@@ -13,7 +13,7 @@ from functools import partial
 from ..errors import GainroomError
 from ..robot.body import library
 from ..studies.progress import Progress, quiet
-from . import claim2, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, locked_output, table1, testbed
+from . import claim2, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, fig13, locked_output, table1, testbed
 from .picture import Picture
 from .row import Row
 
@@ -42,6 +42,7 @@ FIGURES = (
     Figure("Testbed: how large the gains can be", testbed.rows, testbed.pictures),
     Figure("Fig. 11: the two trials, simulated", fig11.rows, fig11.pictures),
     Figure("Fig. 12: the centre of mass under PD, in MuJoCo", com_motion.pd_rows, partial(com_motion.pictures, "pd"), IN_TIME),
+    Figure("Fig. 13: what P/PI buys at equal robustness", fig13.rows),
     Figure("Fig. 14: the centre of mass under P/PI, in MuJoCo", com_motion.ppi_rows, partial(com_motion.pictures, "ppi"), IN_TIME),
     Figure("Eqs. (5) to (10): gains between joints and operational space", eq10.rows, needs=ROBOT),
     Figure("Table I: joint gains of centre-of-mass control", table1.rows, table1.pictures, ROBOT),
