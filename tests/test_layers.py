@@ -20,6 +20,7 @@ LAYERS = (
     "robot",
     "design",
     "simulation",
+    "trainers",
     "identification",
     "studies",
     "files",
