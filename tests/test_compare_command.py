@@ -20,6 +20,7 @@ from gainroom.files.compared_joint import compared_text
 from gainroom.files.joint_yaml import load_joint, parse_comparison
 from gainroom.report.comparison_text import winner
 from gainroom.studies.comparison import Comparison, Row
+from gainroom.system.delay_reserve import delay_reserve
 
 JOINT = """\
 # A joint whose load is known well.
@@ -114,6 +115,11 @@ def test_the_delay_reserve_of_the_limits_is_the_ceiling_and_what_joint_reports(j
     (row,) = found["rows"]
     assert 3.0 <= row["delay_reserve_ms"] < 3.0 * (1 + 1e-3)  # a search keeps 2e-4 of it
     assert yaml.safe_load(written.read_text("utf-8"))["limits"]["delay_reserve_ms"] == 3.0
+    (limit,) = row["limited_by"]
+    cases = list(load_joint(written).cases())
+    reserves = [delay_reserve(case.system.loop(case.model)).width for case in cases]
+    assert (limit["ceiling"], limit["at"]) == ("delay_reserve", cases[int(np.argmin(reserves))].place)
+    assert 1e3 * min(reserves) == pytest.approx(row["delay_reserve_ms"], rel=1e-6)  # seven digits are written
     judged = asked(capsys, "joint", written)
     assert judged["verdict"] == "safe"  # at all places examined; nothing is proved between them
     assert judged["worst"]["delay_reserve_ms"] == pytest.approx(row["delay_reserve_ms"], rel=1e-6)  # seven digits are written
@@ -130,7 +136,7 @@ def test_what_a_torque_sensor_buys(joint: Path, tmp_path: Path, capsys):
     assert sensed["holds"]
     assert sensed["times_pd"] > 3  # 3.5 by a prototype of its own
     factor = f"{sensed['times_pd']:.2g} ×"
-    assert f"Against PD: a torque sensor {factor}, {factor} the best without it." in found["sentence"]
+    assert f"Against PD: a torque sensor {factor}, {factor} as stiff as the best without it, PD." in found["sentence"]
     system = load_joint(written)
     assert system.control.controller.ktau == pytest.approx(sensed["parameters"]["ktau"], rel=1e-6)
     assert system.control.feedback.written == {"kp": "motor", "kd": "motor", "ktau": "torque"}
@@ -163,6 +169,30 @@ def test_the_bound_and_its_certificate(joint: Path, capsys):
     assert found["bound"]["at"] == "stiffness 8000 N·m/rad, link inertia 8 kg·m²"  # where it is 0.190, elsewhere 0.171 at most
     assert 0.187e-3 < found["bound"]["value"] < found["rows"][0]["worst"]
     assert found["bound"]["times_pd"] == pytest.approx(found["rows"][0]["worst"] / found["bound"]["value"])
+
+
+@pytest.mark.slow
+def test_the_best_known_controller_stands_beside_the_bound(joint: Path, tmp_path: Path, capsys):
+    """It lies between bound and every structure, keeps the ceilings, and is a line of text, table and page."""
+    pytest.importorskip("clarabel")
+    page = tmp_path / "page.html"
+    found = asked(capsys, "compare", joint, "--structures", "pd", "--best-known", "--report", page)
+    known, bound = found["best_known"], found["bound"]
+    assert bound["value"] <= known["value"] < found["rows"][0]["worst"]
+    assert known["value"] <= 1.15 * bound["value"]  # what 95 % of random joints reach
+    assert known["at"] == bound["at"]
+    assert known["peak_sensitivity"] <= 2.0
+    assert known["delay_share"] <= 1.0
+    assert known["torque_noise"] <= found["ceilings"]["torque_noise"]
+    assert known["times_pd"] == pytest.approx(found["rows"][0]["worst"] / known["value"])
+    html = page.read_text("utf-8")
+    assert html.count("best known, any linear controller") >= 2  # the line and the caption
+    assert "best known, one corner" in html
+
+
+def test_without_clarabel_the_best_known_controller_is_refused_at_once(joint: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "needs clarabel: pip install 'gainroom[compare]'" in refused(capsys, "compare", joint, "--structures", "pd", "--best-known")
 
 
 def test_corners_with_other_delays_are_looked_at_together():
@@ -204,19 +234,21 @@ def test_a_person_reads_the_verdict_first(joint: Path, capsys):
             ("--structures", "pd,spilt"),
             "--structures: structure 'spilt' must be one of pd, pid, ppi, dob, split, torque_feedback, observer; the nearest is split",
         ),
+        (("--structures", "h-infinity"), "'h-infinity' must be one of pd, pid, ppi, dob, split, torque_feedback, observer\n"),
         (("--structures", "pd+lead"), "--structures: structure 'pd+lead': 'lead' must be biquad or 2biquads"),
         (("--structures", "torque_feedback"), "needs compare.sensors.torque_noise, the noise of the joint's torque sensor [N·m]"),
         (("--torque-sensor", "0"), "--torque-sensor: noise 0 N·m must be a number > 0"),
         (("--noise", "-1"), "--noise: torque noise -1 N·m must be a number > 0"),
         (("--noise", "loud"), "'loud' must be a number in N·m, without the unit"),
         (("--objective", "stiffness"), "--objective stiffness: must be dynamic_stiffness, white_load or step_load"),
+        (("--best-known", "--no-bound"), "the best known controller stands beside the bound: it needs that"),
         (("--take", "pd"), "--take pd: is for --write, which names the file"),
         (("--write", "better.yaml", "--take", "pid", "--structures", "pd"), "--take pid: must be one of --structures pd"),
         (("--write", "better.txt"), "better.txt: --write must end in .yaml"),
     ],
 )
 def test_calls_that_are_wrong(words: tuple[str, ...], message: str, joint: Path, capsys):
-    assert message in refused(capsys, "compare", joint, *words)
+    assert message in refused(capsys, "compare", joint, *words) + "\n"
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,9 @@ def compare(
         str | None, typer.Option(metavar="NAME", help="dynamic_stiffness, white_load or step_load.", show_default=False)
     ] = None,
     bound: Annotated[bool, typer.Option(help="Also what no linear controller can beat.")] = True,
+    best_known: Annotated[
+        bool, typer.Option("--best-known", help="Also how near to that a controller is known to come (needs gainroom[compare]).")
+    ] = False,
     write: Annotated[
         Path | None, typer.Option(metavar="JOINT.yaml", help="Also write the joint with the controller found.", show_default=False)
     ] = None,
@@ -67,7 +70,7 @@ def compare(
         from ..studies.comparison import compare as compared
 
         with progress_bar("compare:") as progress, named(str(file)):
-            found = compared(given, keys, settings=settings, bound=bound, progress=progress)
+            found = compared(given, keys, settings=settings, bound=bound, best_known=best_known, progress=progress)
         row = None if joint is None else _taken(found, taken)
         call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint": write}
         shown = ComparisonPresentation(found, given, settings, str(file), assumption(given, settings), row, call=call, files=files)

@@ -18,6 +18,7 @@ from .columns import definitions, tabulated
 from .comparison_text import (
     TABLE,
     ComparisonPresentation,
+    best_known_sentence,
     broken_texts,
     capital,
     ceilings_text,
@@ -26,6 +27,7 @@ from .comparison_text import (
     fragile_text,
     gap_text,
     is_bounded,
+    limited_texts,
     lines,
     measure,
     name_of,
@@ -55,6 +57,7 @@ END = 0.86
 ROW, BESIDE = 58, 124
 """Height [px] of a structure in the figure of bars, and of all else there."""
 BOUND = "no linear controller on this encoder"
+KNOWN = "best known, any linear controller"
 
 
 def comparison_page(shown: ComparisonPresentation, command: str) -> str:
@@ -64,10 +67,11 @@ def comparison_page(shown: ComparisonPresentation, command: str) -> str:
     caption = (
         f"{measure(found.objective)[:1].upper()}{measure(found.objective)[1:]} [{unit(found.objective)}]. {definitions(TABLE, headings)}"
     )
+    told = best_known_sentence(found), fragile_sentence(found)
     sections = [
-        Section("What each structure lets through", [bars(found), *filter(None, [fragile_sentence(found)]), *broken_texts(found)]),
+        Section("What each structure lets through", [bars(found), *filter(None, told), *broken_texts(found)]),
         Section("Over frequency: the link under a load", [compliance(found)]),
-        Section("Structure by structure", [table(headings, rows, caption)]),
+        Section("Structure by structure", [table(headings, rows, caption), *map(paragraph, limited_texts(found))]),
         Section("Controllers", _controllers(found), "what was found, as lines of joint.yaml"),
         Section(
             "Inputs and assumptions",
@@ -126,14 +130,16 @@ def bars(found: Comparison) -> Html:
     fragile = [(k, row.fragile) for k, row in enumerate(rows) if row.fragile is not None and row.fragile.fragile]
     if fragile:
         at = [1e3 * one.objective for _, one in fragile]
-        text = [
-            f"tuned at nominal alone: {digits(x, '', 3)}, fragile {fragile_text(rows[k])}" for x, (k, _) in zip(at, fragile, strict=True)
-        ]
+        beside = [fragile_text(rows[k]) for k, _ in fragile]
+        text = [f"tuned at nominal alone: {thousandths(1e-3 * x)}, fragile {told}" for x, told in zip(at, beside, strict=True)]
         look = {"name": "tuned at nominal alone: fragile", "showlegend": True, "hoverinfo": "text", "hovertext": text}
         traces.append(style.markers(at, [k + 0.17 for k, _ in fragile], "diamond-open", style.VERMILION, 11, **look))
     notes = [_unstable(min(nominal[k], END * right), k, rows[k]) for k, _ in fragile if rows[k].holds]
     if found.bound is not None:
-        traces.insert(0, _zone(1e3 * found.bound, [k for k, row in enumerate(rows) if is_bounded(row)]))
+        bounded = [k for k, row in enumerate(rows) if is_bounded(row)]
+        traces.insert(0, _zone(1e3 * found.bound, bounded))
+        if found.best_known is not None:
+            traces.append(_known(1e3 * found.best_known.value, bounded))
     axis = style.axis(f"{measure(found.objective)} [{unit(found.objective)}]", range=[0, right], fixedrange=True)
     layout = style.layout(
         xaxis=axis,
@@ -162,13 +168,14 @@ def _zone_text(found: Comparison) -> str:
     if found.bound is None:
         return "What no linear controller can beat was not worked out."
     below = f"Hatched, below {thousandths(found.bound)} {unit(found.objective)}"
-    return f"{below}: {BOUND} on this encoder and the host, at this rate and delay, everywhere in the box under the same ceilings."
+    known = "" if found.best_known is None else f" Dashed: {KNOWN}, at {found.bound_at} alone."
+    return f"{below}: {BOUND} on this encoder and the host, at this rate and delay, everywhere in the box under the same ceilings.{known}"
 
 
 def _bars(name: str, rows: Sequence[Row], values: Floats, end: float, shift: float) -> style.Trace:
     """Bars of one kind, cut at `end`; `shift`: place in the structure's row, that of the worst above."""
     above = shift < 0
-    texts = [digits(value, "", 3) for value in values.tolist()]
+    texts = [thousandths(1e-3 * value) for value in values.tolist()]
     bold = [f"<b>{text if row.holds else f'{MISSED} {text}'}</b>" for row, text in zip(rows, texts, strict=True)]
     return {
         "type": "bar",
@@ -192,6 +199,14 @@ def _zone(bound: float, places: Sequence[int]) -> style.Trace:
     across = [0.0, bound, bound, 0.0, 0.0, math.nan] * len(places)
     down = [k + side for k in places for side in (-0.5, -0.5, 0.5, 0.5, -0.5, math.nan)]
     return style.line(across, down, style.SOFT, width=1.2, name=BOUND, showlegend=True, **look)
+
+
+def _known(value: float, places: Sequence[int]) -> style.Trace:
+    """Line at the objective of the best known controller, in the rows of the structures that the bound is of."""
+    across = [value, value, math.nan] * len(places)
+    down = [k + side for k in places for side in (-0.5, 0.5, math.nan)]
+    look = {"hoverinfo": "text", "hovertext": f"{KNOWN}: {thousandths(1e-3 * value)}", "showlegend": True}
+    return style.line(across, down, style.BLACK, width=2.0, name=KNOWN, dash="dash", **look)
 
 
 def _unstable(x: float, place: int, row: Row) -> style.Annotation:

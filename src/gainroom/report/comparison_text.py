@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..analysis.margin_record import Margins
+from ..design.comparison.best_known import BestKnown
 from ..design.comparison.objective import Objective
 from ..errors import listed
 from ..files.compared_joint import control_section
@@ -35,6 +36,10 @@ NAMES = {
     "torque_feedback": "torque sensor",
 }
 """Names of structures without their options."""
+CEILINGS = {"peak_sensitivity": "Ms", "delay_reserve": "delay reserve", "torque_noise": "torque noise"}
+"""Names of ceilings."""
+LEAST_PLAIN, MOST_PLAIN = 1e-3, 99.95
+"""Numbers that are written with three digits, zeros at their end among them, so that columns and cards agree."""
 UNSURE = 0.02
 """Gap of the two best starts above which it is told in sentences."""
 SMALL = {
@@ -68,8 +73,10 @@ def capital(text: str) -> str:
 
 
 def thousandths(value: float) -> str:
-    """Objective in thousandths, without unit; ∞ where unstable."""
-    return "∞" if math.isinf(value) else milli(value, 0.0)
+    """Objective in thousandths with three digits, without unit; ∞ where unstable."""
+    if math.isinf(value):
+        return "∞"
+    return f"{1e3 * value:#.3g}" if LEAST_PLAIN <= 1e3 * value < MOST_PLAIN else milli(value, 0.0)
 
 
 def times(found: Comparison, value: float) -> float:
@@ -167,6 +174,18 @@ def _bound(found: Comparison) -> str:
     return f"No linear controller on this encoder and the host, at this rate and delay, does better than {value}{against}{near}."
 
 
+def best_known_sentence(found: Comparison) -> str:
+    """Sentence on the best controller known beside the bound; "" where it was not asked for."""
+    if found.bound is None or found.best_known is None:
+        return ""
+    value = found.best_known.value
+    apart = digits(100 * (value / found.bound - 1), "%", 2)
+    return (
+        f"The best known linear controller, of any structure, reaches {thousandths(value)} {unit(found.objective)} at {found.bound_at}, "
+        f"where the bound is proved, and for that joint alone: what can be reached there is at most {apart} above the bound."
+    )
+
+
 def missed_text(given: System, row: Row, worst: Margins) -> str:
     """Sentence on requirements of the joint's file, or the usual ones, that a controller misses in the box; "" where there is none."""
     missed = [
@@ -210,17 +229,18 @@ def fragile_sentence(found: Comparison) -> str:
 
 @dataclass(frozen=True)
 class Line:
-    """Line of the table: a structure's row, or the bound."""
+    """Line of the table: a structure's row, or without one a `value` of the objective with its `name`, and `sign` before it."""
 
     found: Comparison
     row: Row | None
+    value: float = math.nan
+    name: str = ""
+    sign: str = ""
 
     @property
     def worst(self) -> float:
         """Worst objective in the box."""
-        if self.row is not None:
-            return self.row.worst
-        return math.nan if self.found.bound is None else self.found.bound
+        return self.value if self.row is None else self.row.worst
 
 
 def _of(value: Any) -> Any:
@@ -228,9 +248,9 @@ def _of(value: Any) -> Any:
     return lambda line: "–" if line.row is None or not line.row.holds else value(line.row)
 
 
-BOUND_NAME = "no linear controller"
+BOUND_NAME, KNOWN_NAME = "no linear controller", "best known, one corner"
 TABLE = [
-    Column("structure", "", lambda line: BOUND_NAME if line.row is None else name_of(line.row.structure)),
+    Column("structure", "", lambda line: line.name if line.row is None else name_of(line.row.structure)),
     Column("needs", "", _of(lambda row: " + ".join(NEEDS[one] for one in row.sensors)), definition="sensors"),
     Column("worst", "", lambda line: line.worst, shown=lambda line: _worst(line), definition="in the box"),
     Column("× PD", "", lambda line: times(line.found, line.worst), shown=lambda line: _against(line), definition="PD's worst over it"),
@@ -239,16 +259,17 @@ TABLE = [
     Column("reserve", "", _of(lambda row: digits(1e3 * row.delay_reserve, "ms", 3)), definition="any delay up to it may be added"),
     Column("noise", "", _of(lambda row: digits(row.noise, "N·m", 3)), definition="rms torque command"),
     Column("gap", "", _of(lambda row: gap_text(row)), definition="between the two best starts of the search"),
+    Column("limited by", "", _of(lambda row: _limits(row)), definition="ceilings that it reaches in the box"),
     Column("fragile", "", _of(fragile_text), definition="tuned at nominal alone: unstable in so many perturbed joints"),
 ]
 """Columns of a Line."""
-SHORT = [column for column in TABLE if column.title not in ("needs", "noise", "gap")]
+SHORT = [column for column in TABLE if column.title not in ("needs", "noise", "gap", "limited by")]
 """Columns on a terminal: the rest is in the names, or told where it matters."""
 
 
 def _worst(line: Line) -> str:
     if line.row is None:
-        return f"≥ {thousandths(line.worst)}"
+        return f"{line.sign} {thousandths(line.worst)}".strip()
     if line.row.holds:
         return thousandths(line.row.worst)
     return f"{MISSED} none"
@@ -258,7 +279,21 @@ def _against(line: Line) -> str:
     if line.row is not None and not line.row.holds:
         return "–"
     text = digits(times(line.found, line.worst), "×", 3)
-    return f"≤ {text}" if line.row is None else text
+    return f"≤ {text}" if line.sign else text
+
+
+def _limits(row: Row) -> str:
+    return ", ".join(CEILINGS[one.ceiling] for one in row.limited_by) or "none"
+
+
+def limited_texts(found: Comparison) -> list[str]:
+    """Sentences on the ceilings that limit each structure, and at which place of the box."""
+    made = []
+    for row in found.rows:
+        if row.holds:
+            reached = [f"{CEILINGS[one.ceiling]} at {one.at}" for one in row.limited_by]
+            made.append(f"{name_of(row.structure)} is limited by {listed(reached) if reached else 'no ceiling: more would not help it'}.")
+    return made
 
 
 def gap_text(row: Row) -> str:
@@ -267,8 +302,10 @@ def gap_text(row: Row) -> str:
 
 
 def lines(found: Comparison) -> list[Line]:
-    """Lines of the table: the structures, then the bound."""
-    return [*(Line(found, row) for row in found.rows), *([] if found.bound is None else [Line(found, None)])]
+    """Lines of the table: the structures, then the best known controller and the bound."""
+    known = [] if found.best_known is None else [Line(found, None, found.best_known.value, KNOWN_NAME)]
+    bound = [] if found.bound is None else [Line(found, None, found.bound, BOUND_NAME, "≥")]
+    return [*(Line(found, row) for row in found.rows), *known, *bound]
 
 
 def broken_texts(found: Comparison) -> list[str]:
@@ -371,6 +408,7 @@ class ComparisonPresentation(Presentation):
             "recommended": None if self.chosen is None else self.chosen.structure,
             "rows": [row_facts(found, row) for row in found.rows],
             "bound": None if found.bound is None else bound_facts(found),
+            "best_known": None if found.best_known is None else best_known_facts(found, found.best_known),
             "ceilings": {
                 "peak_sensitivity": found.ceilings.peak_sensitivity,
                 "delay_reserve_ms": 1e3 * found.ceilings.delay_reserve,
@@ -387,14 +425,15 @@ class ComparisonPresentation(Presentation):
         model = f"{measure(found.objective)} [{unit(found.objective)}], {rate(1 / (self.given.control.sample_time or 1.0))}"
         yield [
             sentence(found),
-            *filter(None, [fragile_sentence(found)]),
+            *filter(None, [best_known_sentence(found), fragile_sentence(found)]),
             *broken_texts(found),
             "",
-            TextTable.of(capital(model), TABLE if verbose else SHORT, lines(found), ("reserve", "nominal", "Ms")),
+            TextTable.of(capital(model), TABLE if verbose else SHORT, lines(found), ("reserve", "nominal", "Ms", "gap", "needs")),
             ceilings_text(self),
+            *(limited_texts(found) if verbose else []),
             *self.cautions,
             *do_this(self.advice),
-            *closing(self.files, assumed=self.all_assumed, notes=unsure(found)),
+            *closing(self.files, assumed=self.all_assumed, notes=[*unsure(found), *(not_asked(found) if verbose else [])]),
         ]
 
 
@@ -421,6 +460,13 @@ def unsure(found: Comparison) -> list[str]:
     return told + ([f"no bound: {found.unbounded}"] if found.unbounded else [])
 
 
+def not_asked(found: Comparison) -> list[str]:
+    """Note on the flag that tells how near a controller comes to the bound; [] where it was given, or there is no bound."""
+    if found.bound is None or found.best_known is not None:
+        return []
+    return ["how near any linear controller is known to come to the bound: --best-known (pip install 'gainroom[compare]')"]
+
+
 def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
     """JSON of a row."""
     return {
@@ -443,6 +489,7 @@ def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
         "sensors": list(row.sensors),
         "runs": row.where,
         "gap": row.gap,
+        "limited_by": [{"ceiling": one.ceiling, "share": one.share, "at": one.at} for one in row.limited_by],
         "fragile": None if row.fragile is None else _fragile_facts(row),
     }
 
@@ -468,6 +515,19 @@ def bound_facts(found: Comparison) -> dict[str, Any]:
         "at": found.bound_at,
         "times_pd": times(found, found.bound or math.nan),
         "certificate": certificate,
+    }
+
+
+def best_known_facts(found: Comparison, known: BestKnown) -> dict[str, Any]:
+    """JSON of the best known controller, which is one at the place of the bound alone."""
+    return {
+        "value": known.value,
+        "at": found.bound_at,
+        "times_pd": times(found, known.value),
+        "sensors": list(known.sensors),
+        "peak_sensitivity": known.peak_sensitivity,
+        "delay_share": known.delay_share,
+        "torque_noise": known.torque_noise,
     }
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins
+from ..design.comparison.best_known import BestKnown, best_known as searched_freely, require_solver
 from ..design.comparison.bound import box_bound
 from ..design.comparison.catalogue import USUAL, starts_from, structure_of
 from ..design.comparison.ceilings import Ceilings
@@ -53,6 +54,8 @@ FAR_OFF = 2.0
 """Factor on the worst objective of the box's design above which a design tuned at nominal is fragile, though stable."""
 TIGHTENED = 4
 """Searches with a tighter sensitivity where that of the exact loop is above that of the search."""
+REACHED = 0.998
+"""Share of a ceiling from which on a design is limited by it: a search stays 2e-4 below, and ends within a thousandth of what it seeks."""
 SENSITIVITY = 1e-6
 """Relative excess of a peak over its ceiling that counts as round-off."""
 FRAGILE_STIFFNESS, FRAGILE_LOAD, FRAGILE_DELAY = (0.8, 1.0, 1.2), (0.5, 1.0, 1.5), (0.0, 5e-4)
@@ -75,6 +78,20 @@ class ComparisonSettings:
     sensor_noise: Mapping[str, float] = field(default_factory=dict)
     path: GainPath | None = None
     torque_noise: float | None = None
+
+
+@dataclass(frozen=True)
+class Binding:
+    """Ceiling that limits a design.
+
+    ceiling  peak_sensitivity, delay_reserve or torque_noise
+    share    of the ceiling that the design takes
+    at       place of the box where it takes most, in words
+    """
+
+    ceiling: str
+    share: float
+    at: str
 
 
 @dataclass(frozen=True)
@@ -113,6 +130,7 @@ class Row:
     gap           (objective of the second best start)/(that of the best) − 1; NaN where only one kept the ceilings
     fragile       of the same structure tuned at nominal; None where that was not tried
     broken        what breaks the box; "" where the design holds
+    limited_by    ceilings that it reaches, the tightest first; () where it reaches none
     """
 
     structure: str
@@ -131,6 +149,7 @@ class Row:
     gap: float
     fragile: Fragile | None
     broken: str = ""
+    limited_by: tuple[Binding, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -145,7 +164,8 @@ class Comparison:
     rows         in the order asked for
     bound        value of the objective that no linear controller on the host at this rate and delay is below; None: not worked out
     certificate  of the bound, at the place of the box that makes it, `bound_at` in words; None without one
-    unbounded    why no bound was found where one was asked for; "" otherwise
+    best_known   best controller of any structure that was found at the place of the bound, for that place alone; None: not asked for
+    unbounded    why no bound, or no best controller, was found where one was asked for; "" otherwise
     system       with the box; ceilings and objective that held for every row
     """
 
@@ -157,6 +177,7 @@ class Comparison:
     objective: Objective
     unbounded: str = ""
     bound_at: str = ""
+    best_known: BestKnown | None = None
 
     def row(self, structure: str) -> Row:
         """Row of one structure. Raises GainroomError where there is none."""
@@ -190,6 +211,7 @@ def compare(
     settings: ComparisonSettings | None = None,
     nominal: bool = True,
     bound: bool = True,
+    best_known: bool = False,
     progress: Progress = quiet,
 ) -> Comparison:
     """Structures of a controller of one joint, each tuned under the same ceilings over the joint's box.
@@ -198,18 +220,24 @@ def compare(
     structures  keys (pd, pid, pd+biquad, split, torque_feedback, …) or mappings such as {"pd": {"biquads": 1}}; None: those of the settings
     settings    None: those of the system's file, else the usual ones
     bound       True: also what no linear controller comes below, for the objective dynamic_stiffness
+    best_known  True: also the best controller of any structure that a cone programme finds at the place of the bound; needs clarabel
     nominal     True: each structure is also tuned at the nominal values alone, to tell how fragile that is
 
-    Raises GainroomError for several joints, without a rate, and for structures and sensors that are not known.
+    Raises GainroomError for several joints, without a rate, for structures and sensors that are not known, and for a best known
+    controller without a bound or without clarabel.
     """
     require_comparable(system)
+    if best_known:
+        require_solver()
     chosen = settings or ComparisonSettings()
     boxes = boxed(system)
     wanted = _wanted(boxes, chosen, structures)
     path = chosen.path or _usual_path(boxes)
     problem = Problem(boxes, _ceilings(boxes, chosen), chosen.objective, path)
     bounded = bound and problem.objective == Objective()
-    steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded)
+    if best_known and not bounded:
+        raise GainroomError("the best known controller stands beside the bound: it needs that, and the objective dynamic_stiffness")
+    steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded + best_known)
     plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
     steps.tell("pd, whose noise is the ceiling of the torque noise")
     pd = {box: searched(problem, plain, (), None if box else [NOMINAL], steps.checkpoint) for box in (True, False)}
@@ -220,6 +248,9 @@ def compare(
     if bounded:
         steps.tell("what no linear controller can beat")
         found = _bounded(found, steps)
+    if best_known and found.certificate is not None:
+        steps.tell("the best known controller")
+        found = _with_best_known(found, found.certificate)
     steps.tell("")
     return found
 
@@ -240,6 +271,14 @@ def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
     proved = best.certificate.joint.state_space.a
     where = next(place for place, one in zip(places, joints, strict=True) if np.array_equal(one.state_space.a, proved))
     return replace(found, bound=best.value, certificate=best.certificate, bound_at=_where(system, where))
+
+
+def _with_best_known(found: Comparison, certificate: Certificate) -> Comparison:
+    """`found` with the best controller of any structure at the place that the bound's certificate is of."""
+    try:
+        return replace(found, best_known=searched_freely(certificate.joint, found.ceilings, (certificate.sensor,)))
+    except GainroomError as error:
+        return replace(found, unbounded=str(error))
 
 
 class _Steps:
@@ -400,7 +439,24 @@ def _row(problem: Problem, structure: Structure, found: Found | None, alone: Fou
         round(math.expm1(found.gap), GAP_DIGITS),
         None if alone is None else _fragile(problem, alone, found.worst),
         proof.broken,
+        _limited_by(problem, found),
     )
+
+
+def _limited_by(problem: Problem, found: Found) -> tuple[Binding, ...]:
+    """Ceilings that a design reaches somewhere in the box, the tightest first, each where it takes most of it."""
+    worst: dict[str, Binding] = {}
+    for place in found.places:
+        joint = problem.joint(found.structure, place)
+        responses = joint.at(joint.grid(FINE))
+        one = curves(found.structure, found.x[None], joint, responses, problem.ceilings)
+        shares = {"peak_sensitivity": float(one.sensitivity.max()), "delay_reserve": float(one.delay.max())}
+        if one.noise is not None:
+            shares["torque_noise"] = math.sqrt(float(one.noise[0] @ quadrature(responses.omega)))
+        for ceiling, share in shares.items():
+            if share >= REACHED and (ceiling not in worst or share > worst[ceiling].share):
+                worst[ceiling] = Binding(ceiling, share, _where(problem.system, place))
+    return tuple(sorted(worst.values(), key=lambda one: -one.share))
 
 
 @dataclass(frozen=True)

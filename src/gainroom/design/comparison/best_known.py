@@ -54,8 +54,7 @@ class BestKnown:
 
 def best_known(joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...] = ("motor",)) -> BestKnown:
     """Best controller found on `sensors`. Raises GainroomError where clarabel is missing, or finds none."""
-    if importlib.util.find_spec("clarabel") is None:
-        raise GainroomError("the best known controller needs clarabel: pip install 'gainroom[compare]'")
+    require_solver()
     programme = _Programme.of(joint, ceilings, sensors)
     held = np.unique(np.concatenate([np.geomspace(1, POINTS, 120), np.linspace(1, POINTS, 40)]).astype(int) - 1)
     q, peak = programme.solved(held)
@@ -70,6 +69,12 @@ def best_known(joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...] =
     if found.peak_sensitivity > ceilings.peak_sensitivity or found.delay_share > 1 or noisy:
         raise GainroomError(f"no controller on {' and '.join(sensors)} was found that keeps the ceilings between the frequencies tried")
     return found
+
+
+def require_solver() -> None:
+    """Raise GainroomError where clarabel is missing."""
+    if importlib.util.find_spec("clarabel") is None:
+        raise GainroomError("the best known controller needs clarabel: pip install 'gainroom[compare]'")
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
 """Structures by the name under which files, commands and results have them."""
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ...errors import GainroomError, one_line
+from ...errors import GainroomError, one_line, typo_of
 from .joint_responses import DRIVE, HOST
 from .observers import ObservedDisturbance, StateObserver
 from .structures import Structure
@@ -24,12 +23,12 @@ def structure_of(entry: Any, position: str = "motor") -> Structure:
 
     position   sensor of the position
 
-    Raises GainroomError, with the nearest name, for other entries.
+    Raises GainroomError, with a name that is near, for other entries.
     """
     name, options = _parted(entry)
     if name not in NAMES:
-        near = difflib.get_close_matches(name, NAMES, 1, 0.0)[0]
-        raise GainroomError(f"structure {one_line(repr(name), 40)} must be one of {', '.join(NAMES)}; the nearest is {near}")
+        near = f"; the nearest is {close}" if (close := typo_of(name, NAMES)) else ""
+        raise GainroomError(f"structure {one_line(repr(name), 40)} must be one of {', '.join(NAMES)}{near}")
     biquads = options.pop("biquads", 0)
     if options:
         raise GainroomError(f"structure {name}: {one_line(repr(next(iter(options))), 40)} must be biquads")
