@@ -134,4 +134,4 @@ def test_what_it_cannot_be_is_refused_in_one_line():
     with pytest.raises(GainroomError, match=r"joint knee: gearbox_stiffness 8000 N·m/rad .* needs a physics step below 5"):
         Trainer(LEG, 1, 1e-2, configured(LEG))
     with pytest.raises(GainroomError, match="must be multiples of one time"):
-        Trainer(JOINTS["soft"], 1, 0.77e-3, configured(JOINTS["soft"]))
+        Trainer(JOINTS["soft"], 1, 0.7071e-3, configured(JOINTS["soft"]))
