@@ -45,14 +45,14 @@ def serve(path: str) -> None:
 
 
 def load() -> None:
-    """Imports all modules that any command imports, except those that only run in other processes."""
+    """Imports all modules that any command imports, except those that only run in other processes, or in a trainer."""
     import importlib
     import pkgutil
 
     import gainroom.cli  # before numpy: it says how many threads
 
     for module in pkgutil.walk_packages(gainroom.__path__, "gainroom."):
-        if not module.name.startswith(("gainroom.app", "gainroom.__main__")):
+        if not module.name.startswith(("gainroom.app", "gainroom.__main__", "gainroom.trainers.")):
             importlib.import_module(module.name)
     for name in ("mujoco", "pinocchio", "scipy.optimize", "scipy.signal"):
         importlib.import_module(name)

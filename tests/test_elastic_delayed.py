@@ -3,13 +3,14 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from elastic_actuators import EVERY, JOINTS, LEG, Held, first_speeds, onset
+from elastic_actuators import EVERY, JOINTS, LEG, Held, first_speeds, onset, stiffest_step
 from gainroom.errors import GainroomError
 from gainroom.trainers.elastic_delayed import MOST_SUBSTEPS, ElasticDelayed, ElasticDelayedJoints, Library
 
@@ -57,6 +58,28 @@ def test_the_error_falls_with_the_square_of_the_step(name: str, longest: float):
     assert errors[0] < 0.01
     for coarse, fine in pairwise(errors):
         assert 1 / 5 < fine / coarse < 1 / 2.9
+
+
+TABLE = (Path(__file__).parents[1] / "docs" / "trainers.md").read_text("utf-8").partition("| predicted factor |")[2].partition("\n\n")[0]
+ROWS = [[cell.strip() for cell in line.split("|")[1:-1]] for line in TABLE.splitlines()[2:]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+def test_the_table_of_the_documentation(row: list[str]):
+    """Its digits; 0.02 % may be the processor's."""
+    name, factor, share, *errors = row
+    held = EVERY[name]
+    assert held.limit() == pytest.approx(float(factor), rel=1e-3)
+    assert stiffest_step(held, 1e-3) == pytest.approx(float(share), abs=0.006)
+    for step, error in zip((5e-4, 1e-3, 2e-3, 4e-3), errors, strict=True):
+        if error:
+            found = 100 * (onset(simulated(held, step, 2.0), held.limit()) / held.limit() - 1)
+            assert found == pytest.approx(float(error.replace("−", "-").removesuffix("%")), abs=0.02)
+
+
+def test_the_table_has_every_joint():
+    assert [row[0] for row in ROWS] == [*EVERY]
 
 
 def single(numbers: ElasticDelayed, step: float = 1e-3, library: Library | None = None, envs: int = 1) -> ElasticDelayedJoints:

@@ -3,11 +3,15 @@
 pip install mjlab && pytest tests/test_mjlab_actuator.py
 """
 
+import math
+import runpy
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("mjlab", reason="mjlab is not installed: pip install mjlab, which brings torch")
 import mujoco
@@ -17,6 +21,7 @@ from mjlab.scene import Scene, SceneCfg
 from mjlab.sim import MujocoCfg, Simulation, SimulationCfg
 
 from elastic_actuators import EVERY, JOINTS, LEG, Held, first_speeds, onset
+from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.trainers.elastic_delayed import ElasticDelayed
 from gainroom.trainers.mjlab import ElasticDelayedActuator, ElasticDelayedActuatorCfg
@@ -135,3 +140,19 @@ def test_what_it_cannot_be_is_refused_in_one_line():
         Trainer(LEG, 1, 1e-2, configured(LEG))
     with pytest.raises(GainroomError, match="must be multiples of one time"):
         Trainer(JOINTS["soft"], 1, 0.7071e-3, configured(JOINTS["soft"]))
+
+
+def test_an_exported_file_is_what_mjlab_takes(tmp_path: Path):
+    """A joint.yaml with the numbers of a joint gives its configuration, which runs."""
+    held = JOINTS["split"]
+    ((name, own),) = held.actuators.items()
+    joint = {"motor_inertia": own.motor_inertia, "link_inertia": 0.3, "stiffness": own.gearbox_stiffness, "damping": own.gearbox_damping}
+    path = {"delay_ms": 1e3 * (own.kd_delay or 0.0), "sample_rate_hz": 1 / (own.kd_period or 1.0)}
+    control = {"type": "pd", "kp": held.kp[0], "kd": held.kd[0], "feedback": "motor", "sample_rate_hz": 1 / own.period, "kd_path": path}
+    data = {"joint": joint, "drive": {"delay_ms": 1e3 * own.delay, "bandwidth": math.inf}, "control": control}
+    (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(data), "utf-8")
+    assert main(["export", str(tmp_path / f"{name}.yaml"), "--to", "mjlab-actuator", "--output", str(tmp_path / "a.py"), "--write"]) == 0
+    (cfg,), (expected,) = runpy.run_path(str(tmp_path / "a.py"))["ACTUATORS"], configured(held)
+    for field in fields(expected):
+        assert getattr(cfg, field.name) == (pytest.approx(value) if isinstance(value := getattr(expected, field.name), float) else value)
+    assert torch.isfinite(Trainer(held, 2, STEP, (cfg,)).advance()).all()

@@ -24,7 +24,10 @@ def export(
             show_default=False,
         ),
     ],
-    to: Annotated[str, typer.Option("--to", metavar="FORM", help="{export forms}.", show_default=False)],
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORM", help="{export forms}. Of a joint.yaml or robot.yaml also {whole forms}.", show_default=False),
+    ],
     onto: Annotated[
         Path | None, typer.Option(metavar="FILE", help="A file of {forms onto} whose gains are replaced; the rest of it stays.")
     ] = None,
@@ -47,13 +50,18 @@ def export(
 
     from .. import __version__
     from ..errors import GainroomError
+    from ..files.export_forms import OF_WHOLE_FILES
     from ..files.file_types import kind_of_file
     from ..files.gain_export import export_gains
     from ..files.gain_files import read_gains
     from ..files.law_export import LAW_FORMS, export_law
     from ..robot.formats.model_names import locate
 
-    if to in LAW_FORMS and gains.suffix.lower() in (".yaml", ".yml") and gains.exists() and kind_of_file(gains) == "joint":
+    if to in OF_WHOLE_FILES:
+        from ..files.actuator_export import export_actuators
+
+        made = export_actuators(gains, to, onto, __version__, datetime.date.today())
+    elif to in LAW_FORMS and gains.suffix.lower() in (".yaml", ".yml") and gains.exists() and kind_of_file(gains) == "joint":
         made = export_law(gains, to, onto, __version__, datetime.date.today())
     else:
         file = read_gains(gains, contact, to_use=True)

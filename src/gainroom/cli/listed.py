@@ -18,6 +18,12 @@ def _export_forms() -> str:
     return "; ".join(f"{form.name}: {form.description}" for form in FORMS.values())
 
 
+def _whole_forms() -> str:
+    from ..files.export_forms import OF_WHOLE_FILES
+
+    return "; ".join(f"{name}: {description}" for name, description in OF_WHOLE_FILES.items())
+
+
 def _forms_onto() -> str:
     from ..files.export_forms import FORMS
 
@@ -38,6 +44,7 @@ def _log_formats() -> str:
 
 LISTS: dict[str, Callable[[], str]] = {
     "{export forms}": _export_forms,
+    "{whole forms}": _whole_forms,
     "{forms onto}": _forms_onto,
     "{read forms}": _read_forms,
     "{log formats}": _log_formats,

@@ -10,7 +10,8 @@ Both            system_sections: motor, drive, control (with the types of contro
 Command lines   audit_options (a bare model), readings (what it leaves open), audited_robot (as a robot.yaml), simulator_options,
                 sweep_options, typed_requirements; typed_over_gains (beside what a file of gains says)
 Gains           gain_files reads other people's forms, each in gain_formats, and gain_export writes those of export_forms; joint_gains
-                are those of a joint.yaml; law_export (the controller of one joint as difference equations); model_keyframes (postures
-                of MJCF); gain_context (the properties of a robot that are stored with its gains)
+                are those of a joint.yaml; law_export (the controller of one joint as difference equations); actuator_export (joints as
+                actuators of a trainer); model_keyframes (postures of MJCF); gain_context (the properties of a robot that are stored
+                with its gains)
 Logs            logs, with a file per format
 """

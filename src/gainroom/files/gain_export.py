@@ -14,7 +14,7 @@ from ..errors import GainroomError, first_of_many, listed, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import joint_order, load_model
 from .edited_text import written
-from .export_forms import FORMS, refuse_integral
+from .export_forms import FORMS, OF_WHOLE_FILES, refuse_integral
 from .export_forms.form import ExportedGains, ExportForm
 from .gain_context import context_flags, without_flag
 from .gain_files import gains_of, parse_file
@@ -139,7 +139,7 @@ def _posture(file: GainFile, names: Sequence[str]) -> dict[str, float]:
 
 def _form(form: str, onto: Path | None) -> ExportForm:
     if form not in FORMS:
-        raise GainroomError(f"--to {shown(form)}: must be one of {', '.join(FORMS)}")
+        raise GainroomError(f"--to {shown(form)}: must be one of {', '.join((*FORMS, *OF_WHOLE_FILES))}")
     if onto is not None and FORMS[form].onto is None:
         able = ", ".join(name for name, each in FORMS.items() if each.onto is not None)
         raise GainroomError(f"--onto {onto}: a file of the form {form} is written as a whole; only {able} can take gains into a file")

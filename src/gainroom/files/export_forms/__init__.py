@@ -19,6 +19,8 @@ from .sampled_law import MARK
 
 FORMS = {form.name: form for form in (PLAIN, ROS2_CONTROL, MJCF, MJLAB, ISAAC_LAB, LEGGED_GYM, ARRAYS, C_HEADER, MARKDOWN)}
 """By name, as --to has them."""
+OF_WHOLE_FILES = {"mjlab-actuator": "mjlab actuators with delay and elasticity"}
+"""Forms, with a description, that need more than gains: files/actuator_export.py writes them of a joint.yaml or a robot.yaml."""
 
 
 def refuse_integral(gains: Mapping[str, Gain], form: ExportForm, owner: str) -> None:

@@ -13,7 +13,7 @@ from .form import ExportedGains, ExportForm, commented, number_text
 def mjlab_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Python text of a tuple of BuiltinPositionActuatorCfg, joints with equal gains together, and the posture."""
     entries = [
-        f"    BuiltinPositionActuatorCfg(\n        target_names_expr=({_patterns(names)},),\n{_fields(gain, 'effort_limit')}    ),\n"
+        f"    BuiltinPositionActuatorCfg(\n        target_names_expr=({patterns(names)},),\n{_fields(gain, 'effort_limit')}    ),\n"
         for gain, names in _alike(goal.gains)
     ]
     entity, state = _initial_state("from mjlab.entity import EntityCfg\n", "EntityCfg", goal.posture)
@@ -25,7 +25,7 @@ def isaac_lab_text(goal: ExportedGains, header: Sequence[str]) -> str:
     """Python text of a dictionary of ImplicitActuatorCfg, joints with equal gains together, and the posture."""
     entries = []
     for number, (gain, names) in enumerate(_alike(goal.gains)):
-        joints = f"        joint_names_expr=[{_patterns(names)}],\n"
+        joints = f"        joint_names_expr=[{patterns(names)}],\n"
         entries.append(f'    "group_{number}": ImplicitActuatorCfg(\n{joints}{_fields(gain, "effort_limit_sim")}    ),\n')
     asset, state = _initial_state("from isaaclab.assets import ArticulationCfg\n", "ArticulationCfg", goal.posture)
     imports = f"from isaaclab.actuators import ImplicitActuatorCfg\n{asset}"
@@ -47,7 +47,7 @@ def _alike(gains: Mapping[str, Gain]) -> list[tuple[Gain, list[str]]]:
     return list(groups.items())
 
 
-def _patterns(names: Sequence[str]) -> str:
+def patterns(names: Sequence[str]) -> str:
     """Patterns that match these names and no others."""
     return ", ".join(json.dumps(re.escape(name)) for name in names)
 
