@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from typer.main import get_command
 
+from .actuators import actuators
 from .app import app as page
 from .audit import audit
 from .compare import compare
@@ -42,6 +43,7 @@ app.command(name="log", short_help="What a log holds, and what can be identified
 app.add_typer(identify, short_help="From a log to a joint: delay, elasticity, gains.")
 app.command(name="diagnose", short_help="What vibrates a joint, from a recording, and which gain to change.")(diagnose)
 app.command(name="app", short_help="A page on which gains are dragged, and everything follows.")(page)
+app.command(name="actuators", short_help="Published figures of motors and gearboxes, with sources.")(actuators)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 for _command in (*app.registered_commands, *identify.registered_commands):

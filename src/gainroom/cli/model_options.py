@@ -53,6 +53,14 @@ class ModelCall:
             "Joint side [kg m²]: of all joints of which the gains' file names none, or of those that match a pattern.",
         ),
     ] = None
+    actuator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[JOINT=]NAME",
+            help="An actuator of `gainroom actuators`: its published figures stand where the gains' file has none. Of all joints, or of those "
+            "that match a pattern; may be repeated, the later wins.",
+        ),
+    ] = None
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None
     base: Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")] = None
     contact: Annotated[
@@ -100,7 +108,7 @@ class ModelCall:
         """Options of audit from these and `more`. Raises GainroomError."""
         from ..files.audit_options import JOINT_VALUES, AuditOptions
 
-        apart = ("gains", "margin_db", "contact", "posture", "gearbox", *JOINT_VALUES)
+        apart = ("gains", "margin_db", "contact", "posture", "gearbox", "actuator", *JOINT_VALUES)
         alike: dict[str, Any] = {name: value for name, value in vars(self).items() if name not in apart}
         of_joints: list[tuple[str, str, float]] = []
         for name in JOINT_VALUES:
@@ -110,8 +118,9 @@ class ModelCall:
                     of_joints.append((name, pattern, float(value)))
                 else:
                     alike[name] = float(value)
-        contacts, posture, gearboxes = (tuple(given or ()) for given in (self.contact, self.posture, self.gearbox))
-        return AuditOptions(delay_ms, contacts=contacts, posture=posture, gearboxes=gearboxes, of_joints=tuple(of_joints), **alike, **more)
+        several = {"contacts": self.contact, "posture": self.posture, "gearboxes": self.gearbox, "actuators": self.actuator}
+        alike |= {name: tuple(given or ()) for name, given in several.items()}
+        return AuditOptions(delay_ms, of_joints=tuple(of_joints), **alike, **more)
 
 
 def audited_text(found: "Audited", result: "Audit | None", model: str, required: "Requirements", command: str, target: Path) -> str:

@@ -27,6 +27,7 @@ from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
+from .actuator_facts import actuators, recognised, unknown_actuator
 from .file_types import kind_of_file, wrong_kind
 from .gain_context import BALANCE, GROUPS, JOINT_KEYS
 from .gain_files import JointGains, gains_of, read_gains
@@ -82,6 +83,7 @@ class AuditOptions:
                     runs on the drive
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive, from measurement to torque
     gearboxes       TYPE, or JOINT=TYPE (a name or pattern): later ones win (robot/gearbox_types.py)
+    actuators       NAME, or JOINT=NAME (a name or pattern): later ones win (actuator_facts.py)
     of_joints       which of JOINT_VALUES, of which joints (a name or pattern), and how much: later ones win, and all of them over
                     what is said of all joints or by the file of gains
     required        limits that go along with the gains, each as --require takes it
@@ -102,6 +104,7 @@ class AuditOptions:
     drive_rate_hz: float | None = None
     drive_delay_ms: float | None = None
     gearboxes: tuple[str, ...] = ()
+    actuators: tuple[str, ...] = ()
     of_joints: tuple[tuple[str, str, float], ...] = ()
     required: tuple[str, ...] = ()
 
@@ -113,6 +116,7 @@ class AuditOptions:
                 partial(require_one_of, f"--balance {self.balance}", self.balance, WHO),
                 partial(require_one_of, f"--joint-damping {self.joint_damping}", self.joint_damping, JOINT_DAMPING),
                 lambda: refuse_all(self._gearbox_problems()),
+                lambda: refuse_all(self._actuator_problems()),
             ]
         )
 
@@ -124,6 +128,12 @@ class AuditOptions:
             yield "--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two"
         if any(text.rpartition("=")[2] != DIRECT for text in self.gearboxes) and self.gains_run == "split":
             yield "--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping"
+
+    def _actuator_problems(self) -> Iterator[str]:
+        for text in self.actuators:
+            name = text.rpartition("=")[2]
+            if name not in actuators():
+                yield f"--actuator {text}: {unknown_actuator(name)}"
 
     def _drive_checks(self) -> list[Callable[[], None]]:
         """Checks that raise GainroomError where a loop on the drive is described incompletely, or is described but does not exist."""
@@ -198,13 +208,24 @@ class AuditOptions:
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
         self._add_context(data, gains.origin.system, [names[k] for k in given], idle)
+        moved = [names[k] for k in given]
+        for joint, actuator in (_recognised(body, moved) | self._actuators(moved)).items():
+            data["joints"][joint] = {"actuator": actuator, **data["joints"].get(joint, {})}
         for key, pattern, value in self.of_joints:
-            for k in select(pattern, [names[k] for k in given], f"{option_name(key)} {pattern}={value:g}"):
-                data["joints"].setdefault(names[given[k]], {})[key] = value
+            for k in select(pattern, moved, f"{option_name(key)} {pattern}={value:g}"):
+                data["joints"].setdefault(moved[k], {})[key] = value
         for option, (*sections, key) in self.keys.items():
             if (value := getattr(self, option, None)) is not None:
                 reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
         return data
+
+    def _actuators(self, names: Sequence[str]) -> dict[str, str]:
+        """Actuator that an option gives, by joint of `names`. Raises GainroomError for a pattern that matches none."""
+        found: dict[str, str] = {}
+        for text in self.actuators:
+            pattern, _, actuator = text.rpartition("=")
+            found |= dict.fromkeys((names[k] for k in select(pattern, names, f"--actuator {text}")) if pattern else names, actuator)
+        return found
 
     def _add_context(self, data: dict[str, Any], system: Mapping[str, Any], given: Sequence[str], idle: Sequence[str]) -> None:
         """Adds the system that is stored with the gains to the sections `data`, except where an option gives another value.
@@ -365,6 +386,15 @@ def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[Rig
         return body, found, ()
     body = load_model(path, base, driven=driven, for_names=True)
     return body, gains_of(gains, body.every_joint), driven
+
+
+def _recognised(body: RigidBody, names: Sequence[str]) -> dict[str, str]:
+    """Actuator of each joint of `names` whose motor the model does not describe, where its robot is known; {} where it is not."""
+    robot = recognised(names, f"{body.source} {body.model.name}")
+    if robot is None:
+        return {}
+    silent = {name for name, armature in zip(body.joint_names, body.armature.tolist(), strict=True) if armature == 0}
+    return {name: actuator for name, actuator in robot.of_joints(names).items() if name in silent}
 
 
 def _with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str]) -> dict[str, Any]:

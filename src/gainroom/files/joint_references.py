@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError, first_of_many
+from ..errors import GainroomError, first_of_many, listed
 from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
 from ..system.elastic_joint import ElasticJoint
@@ -71,4 +71,5 @@ def with_ranges(
     if not own:
         return given, ()
     together = "; joints vary together, and each by itself in a few draws" if len(own) > 1 else ""
-    return Uncertainty(**found), (f"the intervals of {first_of_many(own)} are those of their own files{together}",)
+    whose = {"the figures of their actuators" if entry.ranges.keys() <= entry.published else "their own files" for entry in entries if entry.ranges}
+    return Uncertainty(**found), (f"the intervals of {first_of_many(own)} are those of {listed(sorted(whose))}{together}",)

@@ -5,14 +5,14 @@ Everything is SI and radians except where a key's name carries another unit (del
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, SerializeAsAny, ValidatorFunctionWrapHandler, WrapValidator
 
-from ..errors import GainroomError, Together, named
+from ..errors import GainroomError, Together, UnjudgedError, named
 from ..io.validation import (
     LARGEST,
     NotNegative,
@@ -26,7 +26,6 @@ from ..io.validation import (
     relation,
 )
 from ..io.yaml_text import read_text
-from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import CONTROLLERS, DisturbanceObserver, GainKey
 from ..system.elastic_joint import ElasticJoint
 from ..system.feedback import SENSORS, Feedback, feedback_of
@@ -34,6 +33,7 @@ from ..system.gain_bounds import GainBounds
 from ..system.linear.state_space import split_delay
 from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
+from ..system.uncertainty import Uncertainty
 from .file_types import parse_as
 from .law_section import LawSection
 from .system_sections import (
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from .identified_section import IdentifiedSection
     from .joint_scenario import ScenarioSection
 
-MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
+STIFFNESS = "the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way"
 """Keys of `joint` for the inertia of its motor."""
 LAW = "lti"
 """Type of a law in plain numbers."""
@@ -161,11 +161,17 @@ class JointSection(GearboxSection):
     """Section `joint`: two inertias and the gearbox between them."""
 
     link_inertia: PositiveOrInfinite = Field(description="the load's inertia [kg·m²], a number > 0, or .inf where it is locked")
-    stiffness: Stiffness = Field(description="the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way")
+    stiffness: Stiffness | None = Field(None, description=STIFFNESS)
+
+    @relation
+    def _stiffness_is_known(self) -> Refusals:
+        if not self.is_given("stiffness") and self.entry().stiffness is None:
+            published = "" if self.facts is None else f"; of {self.facts.title} none is published"
+            yield refusal(f"is missing: {STIFFNESS}{published}", key="stiffness")
 
     def inertia(self) -> float:
         """Inertia of the motor on the joint side [kg m²]. Raises GainroomError if it is not described, or in two ways."""
-        inertia = ActuatorEntry(**self.model_dump(include={*MOTOR})).reflected("joint")
+        inertia = self.entry().reflected("joint")
         if inertia is None:
             raise GainroomError(
                 "joint.motor_inertia is missing: the motor's on the joint side [kg·m²], a number > 0; or give rotor_inertia with gear_ratio"
@@ -174,7 +180,16 @@ class JointSection(GearboxSection):
 
     def joint(self) -> ElasticJoint:
         """Joint in SI, on the joint side. Raises GainroomError as `inertia`."""
-        return ElasticJoint(motor_inertia=self.inertia(), **self.model_dump(exclude={*MOTOR}, exclude_none=True))
+        spring = self.spring("stiffness"), self.spring("damping")
+        return ElasticJoint(self.inertia(), self.link_inertia, *spring, self.motor_viscous, self.link_viscous)
+
+    def spring(self, name: str) -> float:
+        """Stiffness [N m/rad] or damping [N m s/rad] of the gearbox: given, else published. Raises UnjudgedError for no stiffness."""
+        published = None if self.facts is None or name in self.model_fields_set else getattr(self.facts.entry(), name)
+        value = getattr(self, name) if published is None else published
+        if value is None:
+            raise UnjudgedError(name)
+        return value
 
 
 def _one_side_or_more(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -307,9 +322,10 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
             nominal: dict[str, float] = {}
             step(lambda: nominal.update(delay=delay()))
             step(lambda: nominal.update(motor_inertia=inertia()))
-            for name in ("stiffness", "damping", "link_inertia"):
-                step(lambda name=name: nominal.update({name: getattr(self.joint, name)}))
-            uncertainty = step(lambda: self.uncertainty.uncertainty(nominal, tick))
+            for name in ("stiffness", "damping"):
+                step(lambda name=name: nominal.update({name: self.joint.spring(name)}))
+            step(lambda: nominal.update(link_inertia=self.joint.link_inertia))
+            uncertainty = step(lambda: self._ranges(nominal, tick))
             controller = step(lambda: self.control.controller(self.control.values(delay())))
             path = step(lambda: self.control.gain_path())
             self.require_right()
@@ -325,10 +341,16 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 bounds=GainBounds() if self.gain_bounds is None else GainBounds(**self.gain_bounds.given),
                 asks=self.control.asks,
                 entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
+                assumptions=() if self.joint.facts is None else (self.joint.facts.sentence,),
             )
             paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
             clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}
             return replace(found, control=replace(found.control, **clock, **paths))
+
+    def _ranges(self, nominal: Mapping[str, float], tick: Callable[[], float | None]) -> Uncertainty:
+        """Uncertainty of the file, with the ranges in which the figures of the joint's actuator differ where the file has none."""
+        given, published = self.uncertainty.uncertainty(nominal, tick), self.joint.entry().ranges
+        return replace(given, **{name: pair for name, pair in published.items() if not self.uncertainty.is_given(name)})
 
     @property
     def _resolution(self) -> float:

@@ -34,7 +34,8 @@ from ..system.plausibility import DEGREES, TURN
 from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .file_types import parse_as
-from .joint_references import with_ranges
+from .actuator_facts import published_notes
+from .joint_references import IN_ACTUATORS, with_ranges
 from .plausibility import plausible
 from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
 from .system_sections import refuse_two_paths
@@ -132,7 +133,14 @@ def robot_spec(
             bounds=bounds(),
             groups=groups(),
             scenario=scenario(),
-            assumptions=(*base()[1], *_joints_alone(file), *guessed, *from_files, *sources(dict.fromkeys(filter(None, actuators.gearbox)))),
+            assumptions=(
+                *base()[1],
+                *_joints_alone(file),
+                *guessed,
+                *published_notes(entries(), body().joint_names),
+                *from_files,
+                *sources(dict.fromkeys(filter(None, actuators.gearbox))),
+            ),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
         )
 
@@ -160,7 +168,9 @@ def _entries(file: RobotFile, folder: Path, body: RigidBody) -> tuple[ActuatorEn
             key: together.step(lambda key=key, section=section: section.entry(folder, f"joints.{dotted(key)}"))
             for key, section in file.joints.entries.items()
         }
-        return merge_entries({key: entry() for key, entry in given.items()}, body.every_joint)[: body.size]
+        merged = merge_entries({key: entry() for key, entry in given.items()}, body.every_joint)[: body.size]
+        said = [name for name in IN_ACTUATORS if file.uncertainty.is_given(name)]
+        return tuple(entry.without_published_ranges(said) for entry in merged)
 
 
 def _postures(file: RobotFile, path: Path, base: Base | None, body: RigidBody) -> dict[str, Posture]:

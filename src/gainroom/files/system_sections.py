@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from ..errors import GainroomError, Together, UnjudgedError, listed
 from ..io.validation import (
+    Name,
     NotNegative,
     Positive,
     PositiveOrInfinite,
@@ -35,6 +36,7 @@ from ..system.linear.arrays import Floats
 from ..system.requirement import Requirement
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.uncertainty import Uncertainty
+from .actuator_facts import Actuator, actuators, unknown_actuator
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000
@@ -79,6 +81,7 @@ DelayTicksInterval = Annotated[str | list[float], interval(DELAY_TICKS)]
 class GearboxSection(Section):
     """Motor and gearbox."""
 
+    actuator: Name | None = Field(None, description="a name of `gainroom actuators`, whose published figures stand for what is not given")
     motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
     rotor_inertia: Positive | None = Field(None, description="of the rotor itself [kg m²]")
     gear_ratio: Positive | None = None
@@ -86,10 +89,25 @@ class GearboxSection(Section):
     motor_viscous: NotNegative = 0.0
     link_viscous: NotNegative = 0.0
 
+    @relation
+    def _known_actuator(self) -> Refusals:
+        if self.actuator is not None and self.actuator not in actuators():
+            yield refusal(unknown_actuator(self.actuator), key="actuator")
+
+    @property
+    def facts(self) -> Actuator | None:
+        """Published figures of the actuator that is named. Raises UnjudgedError where its name is wrong."""
+        if self.actuator is None:
+            return None
+        if self.actuator not in actuators():
+            raise UnjudgedError("actuator")
+        return actuators()[self.actuator]
+
     def entry(self) -> ActuatorEntry:
-        """Actuator entry in SI with the given values."""
-        values = self.model_dump(include=set(ActuatorEntry.__dataclass_fields__), exclude_unset=True)
-        return ActuatorEntry(**values)
+        """Actuator entry in SI with the given values, completed by the figures of the actuator that is named."""
+        names = set(ActuatorEntry.__dataclass_fields__) - {"actuator"}
+        own = ActuatorEntry(**self.model_dump(include=names, exclude_unset=True))
+        return own if self.facts is None else own.over(self.facts.entry())
 
 
 class DriveSection(Section):

@@ -80,6 +80,7 @@ class JointPresentation(Presentation):
             "at_usual_rate": None if usual is None else _rate_facts(usual),
             "uncertainty_cost": None if study.uncertainty_cost is None else _cost_facts(study.uncertainty_cost),
             "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": _margins(asked, rule.margins)},
+            "assumptions": list(study.system.assumptions),
             "warnings": [*warnings(study), *notes(study)],
         }
 
@@ -88,7 +89,7 @@ class JointPresentation(Presentation):
         doubts, others = warned_first(warnings(study), verbose)
         parts = [*doubts, sentence(study), *verdict_lines(study, use)]
         parts += [*folded(use), "", *_all_there_is(study)] if verbose else []
-        yield [*parts, *closing(self.files, others, notes=notes(study) if verbose else ())]
+        yield [*parts, *closing(self.files, others, study.system.assumptions, notes(study) if verbose else ())]
 
 
 @dataclass(frozen=True)
