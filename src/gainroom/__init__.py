@@ -21,12 +21,15 @@ if TYPE_CHECKING:
     from .design.realtime.scheduler import GainScheduler as GainScheduler, GainTable as GainTable
     from .design.realtime.tracker import GainTracker as GainTracker, TrackedLimit as TrackedLimit, TrackedMotion as TrackedMotion
     from .errors import GainroomError as GainroomError
+    from .files.audit_call import audit as audit
     from .files.robot_yaml import load_robot as load_robot
     from .native import warmup as warmup
     from .simulation import Friction as Friction, Scenario as Scenario, Testbed as Testbed, simulate as simulate
     from .studies.analysis import Analysis as Analysis, State as State, analyze as analyze
+    from .studies.audit import Audit as Audit
     from .studies.comparison import Comparison as Comparison, ComparisonSettings as ComparisonSettings, compare as compare
     from .studies.joint import JointStudy as JointStudy, study_joint as study_joint
+    from .studies.robot import RobotStudy as RobotStudy, study_robot as study_robot
     from .studies.sweep.store import open_sweep as open_sweep
     from .system.closed_loop import ClosedLoop as ClosedLoop, closed_loop as closed_loop
     from .system.controller import (
@@ -78,6 +81,9 @@ _HOME = {
     "studies.joint": ("study_joint", "JointStudy"),
     "studies.comparison": ("compare", "Comparison", "ComparisonSettings"),
     "files.robot_yaml": ("load_robot",),
+    "files.audit_call": ("audit",),
+    "studies.audit": ("Audit",),
+    "studies.robot": ("study_robot", "RobotStudy"),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
     "design.realtime.tracker": ("GainTracker", "TrackedLimit", "TrackedMotion"),
     "design.realtime.scheduler": ("GainScheduler", "GainTable"),

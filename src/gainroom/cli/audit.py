@@ -1,7 +1,7 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,13 +26,9 @@ from .output import present
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ..files.audit_options import Audited
     from ..simulation.simulated_gains import Simulator
     from ..studies.audit import Audit
     from ..studies.audited_workspace import AuditedWorkspace
-    from ..studies.progress import Progress
     from ..studies.simulator_audit import SimulatorAudit
     from ..system.requirements import Requirements
 
@@ -147,6 +143,7 @@ def audit(
     Exit status: 0 safe; 1 not safe: unstable, or a requirement is missed; 2 the file or the call is wrong; 3 not decided: something that
     decides is not known, and the answer names what gives it.
     """
+    from ..files.audit_call import read_in_every_way
     from ..files.audit_options import audited
 
     if workspace is not None:
@@ -160,7 +157,7 @@ def audit(
     call = typed_command(context, *vars(training), "workspace", "write_robot", "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress, named(model):
-            result, found = read_in_every_way(model, given.gains, found, lambda one: _judged(one, required, progress))
+            result, found = read_in_every_way(model, given.gains, found, required, progress)
         from ..report.audit_text import AuditPresentation
 
         more = _besides(result, simulator, workspace)
@@ -173,13 +170,6 @@ def audit(
         if robot is not None and write_robot is not None:
             robot.write(audited_text(found, result, model, result.required, call, write_robot))
     return exit_status(shown.verdict, exit_zero)
-
-
-def _judged(one: "Audited", required: "Requirements", progress: "Progress") -> "Audit":
-    from ..studies.audit import audit
-
-    result = audit(one.system, required, progress)
-    return replace(result, joint_damping=one.options.joint_damping)
 
 
 def _besides(
@@ -199,20 +189,3 @@ def _besides(
         with progress_bar("audit:") as progress:
             swept = audited_workspace(result, workspace, progress)
     return simulated, swept
-
-
-def read_in_every_way(model: str, gains: Path | None, found: "Audited", judged: "Callable[[Audited], Audit]") -> "tuple[Audit, Audited]":
-    """Audit of `found`, or of each reading of it, and the system audited; `judged` audits one of them."""
-    from ..files.readings import HOST, damping_readings, drive_reading
-    from ..studies.audit import ReadAs, least_of, with_drives
-
-    damped = damping_readings(model, gains, found)
-    if damped:
-        result = least_of([ReadAs(one.option, one.meaning, judged(one.asked)) for one in damped])
-        return result, next(each.asked for each, one in zip(damped, result.readings, strict=True) if one.audit.every is result.every)
-
-    def drives() -> ReadAs | None:
-        there = drive_reading(model, gains, found.options)
-        return None if there is None else ReadAs(there.option, there.meaning, judged(there.asked))
-
-    return with_drives(judged(found), drives, *HOST), found

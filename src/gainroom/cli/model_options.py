@@ -57,8 +57,8 @@ class ModelCall:
         list[str] | None,
         typer.Option(
             metavar="[JOINT=]NAME",
-            help="An actuator of `gainroom actuators`: its published figures stand where the gains' file has none. Of all joints, or of those "
-            "that match a pattern; may be repeated, the later wins.",
+            help="An actuator of `gainroom actuators`: its published figures stand where the gains' file has none. Of all joints, or of "
+            "those that match a pattern; may be repeated, the later wins.",
         ),
     ] = None
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None

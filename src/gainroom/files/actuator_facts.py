@@ -1,9 +1,10 @@
 """Published figures of actuators, each with its source, and what they say of a joint's motor and gearbox.
 
-Sources contradict each other: every figure is kept. Of a quantity the figures of the best grade count: the first one is used, and where they
-differ, all of them are its range. A measurement of one's own wins over all.
+Sources contradict each other: every figure is kept. Of a quantity the figures of the best grade count: the first one is used, and where
+they differ, all of them are its range. A measurement of one's own wins over all.
 """
 
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from importlib.resources import files
 from typing import Any
 
 from ..errors import digits, first_of_many, nearest
-from ..io.yaml_text import parse_yaml, shown
+from ..io.yaml_text import shown
 from ..system.actuator_entry import ActuatorEntry
 
 GRADES = ("identified", "datasheet", "model", "inferred")
@@ -157,24 +158,27 @@ class Actuator:
 class KnownRobot:
     """Robot whose joints' actuators are published.
 
-    joints   actuator by pattern of joint names, of every joint that it moves
-    named    patterns of the model's own name, of which one matches; (): the joints' names tell it apart
+    joints   actuator by pattern of joint names, of every joint that it moves; None: not published
+    has      joints that tell it from others
+    named    pattern that the model's own name, file or folder has, where joints are called alike on others; "": not needed
+    source   of this
     """
 
     title: str
-    joints: Mapping[str, str]
-    named: tuple[str, ...]
+    joints: Mapping[str, str | None]
+    has: Sequence[str]
     source: str
+    named: str = ""
 
     def of_joints(self, names: Sequence[str]) -> dict[str, str]:
         """Actuator by joint, of those of `names` that a pattern matches."""
-        return {name: actuator for name in names for pattern, actuator in self.joints.items() if re.fullmatch(pattern, name)}
+        found = {name: actuator for name in names for pattern, actuator in self.joints.items() if re.fullmatch(pattern, name)}
+        return {name: actuator for name, actuator in found.items() if actuator is not None}
 
     def is_of(self, names: Sequence[str], called: str) -> bool:
-        """True if every joint of `names` is the robot's, every pattern has one, and `called` has its name where joints alone do not tell."""
-        all_used = all(any(re.fullmatch(pattern, name) for name in names) for pattern in self.joints)
-        named = not self.named or any(re.search(pattern, called, re.IGNORECASE) for pattern in self.named)
-        return named and all_used and len(self.of_joints(names)) == len(names)
+        """True if all of `names` are joints of the robot, those among them that tell it, and `called` has its name where that is needed."""
+        all_its = all(any(re.fullmatch(pattern, name) for pattern in self.joints) for name in names)
+        return all_its and set(self.has) <= {*names} and re.search(self.named, called, re.IGNORECASE) is not None
 
 
 def recognised(names: Sequence[str], called: str) -> KnownRobot | None:
@@ -186,25 +190,17 @@ def recognised(names: Sequence[str], called: str) -> KnownRobot | None:
 @cache
 def actuators() -> dict[str, Actuator]:
     """Every actuator by name."""
-    found: dict[str, Actuator] = {}
-    for entry in sorted((files("gainroom") / "files" / "actuators").iterdir(), key=lambda one: one.name):
-        if entry.name.endswith(".yaml") and entry.name != ROBOTS:
-            for name, data in parse_yaml(entry.read_text("utf-8"), entry.name).items():
-                found[name] = _actuator(name, data)
-    return dict(sorted(found.items()))
-
-
-ROBOTS = "robots.yaml"
-"""File of the robots beside those of actuators."""
+    return {name: _actuator(name, data) for name, data in json.loads(_text("actuators.json")).items()}
 
 
 @cache
 def known_robots() -> tuple[KnownRobot, ...]:
     """Robots whose actuators are known."""
-    text = (files("gainroom") / "files" / "actuators" / ROBOTS).read_text("utf-8")
-    return tuple(
-        KnownRobot(one["title"], one["joints"], tuple(one.get("named", ())), one["source"]) for one in parse_yaml(text, ROBOTS).values()
-    )
+    return tuple(KnownRobot(**one) for one in json.loads(_text("robots.json")))
+
+
+def _text(name: str) -> str:
+    return (files("gainroom") / "files" / "actuators" / name).read_text("utf-8")
 
 
 def unknown_actuator(name: str) -> str:

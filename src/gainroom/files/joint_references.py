@@ -71,5 +71,9 @@ def with_ranges(
     if not own:
         return given, ()
     together = "; joints vary together, and each by itself in a few draws" if len(own) > 1 else ""
-    whose = {"the figures of their actuators" if entry.ranges.keys() <= entry.published else "their own files" for entry in entries if entry.ranges}
+    whose = {
+        "the figures of their actuators" if entry.ranges.keys() <= entry.published else "their own files"
+        for entry in entries
+        if entry.ranges
+    }
     return Uncertainty(**found), (f"the intervals of {first_of_many(own)} are those of {listed(sorted(whose))}{together}",)

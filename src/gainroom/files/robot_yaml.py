@@ -20,6 +20,7 @@ from ..robot.actuators import actuators_of, drives_of, merge_entries
 from ..robot.assemble import require_movable
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
+from ..robot.formats.in_memory import as_file
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
 from ..robot.gearbox_types import ranges_of, sources
@@ -33,8 +34,8 @@ from ..system.linear.arrays import Floats
 from ..system.plausibility import DEGREES, TURN
 from ..system.requirements import Requirements
 from ..system.system import Control, System
-from .file_types import parse_as
 from .actuator_facts import published_notes
+from .file_types import parse_as
 from .joint_references import IN_ACTUATORS, with_ranges
 from .plausibility import plausible
 from .robot_sections import ContactSection, ModelSection, RobotFile, TaskSection
@@ -44,12 +45,23 @@ LOCKED = "joints.locked"
 MOST_STATES = 500
 
 
-def load_robot(path: Path | str) -> Robot:
+def load_robot(source: Any, **sections: Any) -> Robot:
     """Robot that a robot.yaml describes; its `system` has control, limits and warnings.
+
+    source     path of a robot.yaml; or its content as a mapping; or a URDF, an MJCF, an MjModel, MjSpec or pinocchio.Model, of which
+               `sections` says the rest as a robot.yaml does: drive, control, joints, postures, contacts, limits …
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
-    system = load_robot_system(Path(path))
+    if isinstance(source, str | Path) and not sections:
+        system = load_robot_system(Path(source))
+    elif isinstance(source, Mapping):
+        system = _system(lambda _: {**source, **sections}, "robot")
+    else:
+        given = sections.pop("model", {})
+        with as_file(source) as file:
+            name = str(source) if isinstance(source, str | Path) else Path(file).stem
+            system = _system(lambda _: {"model": {**given, "file": file}, **sections}, name)
     return replace(system.source, system=system)
 
 
@@ -66,8 +78,13 @@ def robot_sections(path: Path) -> dict[str, Any]:
 
 def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:
     """System in the text of a robot.yaml, which messages call `source`; a model's path is relative to `folder`."""
+    return _system(lambda together: parse_as("robot", text, source, "biped", together), source, folder, two_paths)
+
+
+def _system(read: Callable[[Together], Any], source: str, folder: Path = Path(), two_paths: bool = False) -> System:
+    """System of the content of a robot.yaml as `read` returns it; else as parse_robot."""
     with named(source), Together() as together:
-        file = partly(RobotFile, parse_as("robot", text, source, "biped", together), source, together)
+        file = partly(RobotFile, read(together), source, together)
         together.step(lambda: refuse_two_paths(file.control, two_paths))
         system = robot_spec(file, source, lambda: _model_path(file.model, folder), folder)
     with named(source):

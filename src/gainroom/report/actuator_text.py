@@ -13,8 +13,8 @@ USED = ("motor_inertia", "stiffness", "damping", "peak_torque")
 """Quantities that files and audits take from an actuator."""
 LIST_TITLES = ("name", "motor inertia", "ratio", "stiffness", "peak torque", "kp, kd run in")
 LEGEND = (
-    "Motor inertia [kg·m²] and stiffness [N·m/rad] on the joint side, peak torque [N·m]. `gainroom actuators NAME` has every figure with its "
-    "source, and those that contradict each other."
+    "Motor inertia [kg·m²] and stiffness [N·m/rad] on the joint side, peak torque [N·m]. `gainroom actuators NAME` has every figure with "
+    "its source, and those that contradict each other."
 )
 
 

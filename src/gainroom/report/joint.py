@@ -42,7 +42,11 @@ def joint_page(shown: JointPresentation, command: str) -> str:
         Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
             "Inputs and assumptions",
-            [inputs(study), assumptions("Linear two-mass joint", study.system.control), *map(paragraph, (*study.system.assumptions, *notes(study)))],
+            [
+                inputs(study),
+                assumptions("Linear two-mass joint", study.system.control),
+                *map(paragraph, (*study.system.assumptions, *notes(study))),
+            ],
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),

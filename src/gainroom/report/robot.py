@@ -58,7 +58,7 @@ def robot_page(shown: RobotPresentation, command: str) -> str:
     taken = assumptions("Linear about each posture", study.system.control, "; contacts neither slip nor lift")
     loci_of = beside(*(loci(state, loci_window(drawn)) for state in drawn))
     sections = [
-        Section(_decisive_title(study), [_decisive_picture(study)]),
+        Section(_decisive_title(study), [decisive_picture(study)]),
         Section(
             "Gain headroom",
             [paragraph(requirements_text(study.system)), heat_map(joint_factors(study), "joint")],
@@ -113,7 +113,7 @@ def _decisive_title(study: RobotStudy) -> str:
     return f"{what}: {one.label} {text} in {motion.title}, at {hertz(motion.limit.frequency)}"
 
 
-def _decisive_picture(study: RobotStudy) -> Html:
+def decisive_picture(study: RobotStudy) -> Html:
     """Figure of the motion at the decisive requirement, or of the vibration at the gain limit."""
     motion = study.decisive_motion
     if motion is None:

@@ -105,7 +105,7 @@ class RobotPresentation(Presentation):
             "actuators": actuator_facts(study.system),
             "gearbox_range": typed_facts(study.system),
             "rigid_gearboxes": list(study.system.source.unknown.get("gearbox_unknown", ())),
-            "system": gain_context(robot_sections(self.file), study.system),
+            "system": gain_context(robot_sections(self.file) if self.file.name else {}, study.system),
             "assumptions": list(study.system.assumptions),
             "warnings": [*warnings(study), *notes(study)],
             **(swept if self.over_sweep else worse),

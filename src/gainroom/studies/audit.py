@@ -33,6 +33,7 @@ from .over_uncertainty import unknown_first
 from .progress import Progress, quiet
 from .safe_gains import GainsToUse, gains_over_range, gains_to_use
 from .state import State, path_headroom, state_of
+from .study_record import StudyRecord
 from .sway import without_sway
 from .verdict import Finding, Reading, Verdict
 from .worst_place import OverRange, try_places
@@ -101,7 +102,7 @@ class ReadAs:
 
 
 @dataclass(frozen=True)
-class Audit(Analysis):
+class Audit(Analysis, StudyRecord):
     """Result of `gainroom audit`.
 
     system.requirements   required margins
@@ -110,6 +111,7 @@ class Audit(Analysis):
     readings   possible readings of ambiguous input; all numbers are of one of them (least_of)
     open       True: the readings differ in the verdict, so that there is none
     joint_damping   reading of the model's own joint damping: "controller": contained in kd; "friction": link_viscous; None: not stated
+    of       files.audit_options.Audited, robot and gains as they were read; None: the system was judged as it is
     """
 
     over: OverRange | None = None
@@ -117,6 +119,7 @@ class Audit(Analysis):
     readings: tuple[ReadAs, ...] = ()
     open: bool = False
     joint_damping: str | None = None
+    of: Any = None
 
     @property
     def required(self) -> Requirements:

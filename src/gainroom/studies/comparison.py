@@ -41,6 +41,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from ..system.uncertainty import NOMINAL, Place
 from .progress import Progress, quiet
+from .study_record import StudyRecord
 
 SHARE = 0.5
 """Delay reserve as a share of the drive's delay, where none is given."""
@@ -158,7 +159,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(StudyRecord):
     """Structures compared on one joint.
 
     rows         in the order asked for

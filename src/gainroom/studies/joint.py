@@ -29,6 +29,7 @@ from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
 from .over_uncertainty import Worst
 from .state import USUAL_RATE, State
+from .study_record import StudyRecord
 from .verdict import Finding, Verdict
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
@@ -77,7 +78,7 @@ class InRange:
 
 
 @dataclass(frozen=True)
-class JointStudy(Analysis):
+class JointStudy(Analysis, StudyRecord):
     """Results of `gainroom joint` on the given gains, all other gains, and recommended ones. Gain regions are computed on demand."""
 
     @property

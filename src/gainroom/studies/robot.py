@@ -28,6 +28,7 @@ from .link_motion import LinkMotion, link_motion
 from .progress import Progress, after, quiet
 from .softest_link import Hand, SoftestLink, hand_of, softest_now
 from .state import USUAL_RATE, State, task_headroom
+from .study_record import StudyRecord
 from .worst_place import try_places
 
 EXPECTED_LOOKS = 250
@@ -59,7 +60,7 @@ class MarginMotion:
 
 
 @dataclass(frozen=True)
-class RobotStudy(Analysis):
+class RobotStudy(Analysis, StudyRecord):
     """Results of `gainroom robot`.
 
     recommended   recommended gains by space
