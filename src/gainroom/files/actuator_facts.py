@@ -7,7 +7,8 @@ they differ, all of them are its range. A measurement of one's own wins over all
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -217,6 +218,13 @@ def _figure(data: Mapping[str, Any]) -> Figure:
     low, high = (data.get(end, data.get("value")) for end in ("low", "high"))
     more = {name: str(data[name]) for name in ("date", "said", "set_aside") if data.get(name)}
     return Figure(low, high, data["source"], data["grade"], **more)
+
+
+def grades_of(names: Iterable[str]) -> str:
+    """Grades on which the motor inertias of the actuators `names`, one per joint, rest: "datasheet (23 joints), inferred (6)"."""
+    counts = Counter(used.grade for name in names if (used := actuators()[name].used("motor_inertia")) is not None)
+    first, *others = [f"{grade} ({counts[grade]}{{}})" for grade in GRADES if counts[grade]] or ["not published{}"]
+    return ", ".join([first.format(" joints" if sum(counts.values()) > 1 else " joint"), *(each.format("") for each in others)])
 
 
 def published_notes(entries: Sequence[ActuatorEntry], names: Sequence[str]) -> list[str]:

@@ -27,7 +27,7 @@ from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
-from .actuator_facts import actuators, recognised, unknown_actuator
+from .actuator_facts import actuators, grades_of, recognised, unknown_actuator
 from .file_types import kind_of_file, wrong_kind
 from .gain_context import BALANCE, GROUPS, JOINT_KEYS
 from .gain_files import JointGains, gains_of, read_gains
@@ -304,11 +304,13 @@ class Audited:
     system     the robot with the gains it has
     sections   the robot.yaml that says the same, without requirements; the model's file as it was found
     options    as they were typed, with what the file of gains says
+    motors     sentence on the actuators whose published figures count, and their grades; "" where there are none
     """
 
     system: System
     sections: Mapping[str, Any]
     options: AuditOptions
+    motors: str = ""
 
 
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
@@ -370,7 +372,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     # A file of gains may have left out a leg; a model has the actuators that it has.
     warnings = (*found.notes, *([] if gains is None else held), *idle, *without_effect, *_damping_asked(warnings, options))
-    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, options)
+    return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, options, _motors(body, sections))
 
 
 def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[RigidBody, JointGains, tuple[str, ...]]:
@@ -386,6 +388,17 @@ def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[Rig
         return body, found, ()
     body = load_model(path, base, driven=driven, for_names=True)
     return body, gains_of(gains, body.every_joint), driven
+
+
+def _motors(body: RigidBody, sections: Mapping[str, Any]) -> str:
+    """Sentence on the actuators whose published figures count, and their grades; "" where there are none."""
+    joints = {name: own["actuator"] for name, own in sections["joints"].items() if isinstance(own, dict) and "actuator" in own}
+    taken = {name: actuator for name, actuator in joints.items() if "motor_inertia" not in sections["joints"][name]}
+    if not taken:
+        return ""
+    robot = recognised(body.joint_names, f"{body.source} {body.model.name}")
+    whose = f"the joints are those of {robot.title}, and its" if robot is not None and robot.of_joints([*taken]) == taken else "the"
+    return f"{whose} motors' inertias are published figures: {grades_of(taken.values())} (--actuator)"
 
 
 def _recognised(body: RigidBody, names: Sequence[str]) -> dict[str, str]:

@@ -486,7 +486,8 @@ class AuditPresentation(Presentation):
         if verbose:
             yield [*doubts, *answer, "", *_all_there_is(result), *folded(do), posture, *closing(self.files, warned, assumed)]
             return
-        how = f"{_rigid(result)}; {self.of.options.where_gains_run} (--gains-run). {len(assumed)} assumptions: --verbose."
+        motors = f"; {self.of.motors}" if self.of.motors else ""
+        how = f"{_rigid(result)}; {self.of.options.where_gains_run} (--gains-run){motors}. {len(assumed)} assumptions: --verbose."
         for count in range(FEW_JOINTS, 0, -1):
             yield [*doubts, *answer, *_tightest_joints(result, count), *closing(self.files, warned), posture + how]
 

@@ -27,7 +27,7 @@ TAKEN = "a path, mujoco.MjModel, mujoco.MjSpec or pinocchio.Model"
 
 @contextmanager
 def as_file(model: Any) -> Iterator[str]:
-    """Model as a file: a path or name unchanged, one in memory as an MJCF that messages call by its type. Raises GainroomError as mjcf_of."""
+    """Model as a file: a path or name unchanged, one in memory as an MJCF that messages call by its type. Raises as mjcf_of."""
     if isinstance(model, str | PathLike):
         yield str(model)
         return
