@@ -279,6 +279,7 @@ def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[st
         "log",
         "diagnose",
         "app",
+        "actuators",
         "example",
         "reproduce",
     ]

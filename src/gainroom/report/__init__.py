@@ -12,7 +12,9 @@ simulate     simulation, simulation_text; curves
 sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
 compare      comparison, comparison_text
+actuators    actuator_text
 identify     identification, identified_text, log_text, estimate_columns; plan; diagnosis, diagnosis_text
+programs     study_records: a study's numbers, card and picture in Python
 shared       words (every sentence about safety), gain_advice (gains to use, beside the requirements, first on every page), gains_to_use
              (as lines of a file), next_commands, margin_columns, columns, presentation, page (HTML), page_parts, number_format, style;
              gain_paths
