@@ -144,7 +144,7 @@ def test_what_is_new_in_a_structure_acts_once_it_is_moved(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("case", "key", "message"),
-    [("lti", "pd", "takes the place of pd, pid, torque_feedback, dob alone"), ("pid", "split", "must be one of pd, pid, pd.biquad")],
+    [("lti", "pd", "takes the place of pd, pid, torque_feedback, dob alone"), ("pid", "observer", "must be one of pd, pid, pd.biquad")],
 )
 def test_a_structure_that_a_file_cannot_have_is_refused_in_one_line(case: str, key: str, message: str):
     control, file, *_ = CASES[case]
@@ -156,7 +156,7 @@ def test_a_structure_that_a_file_cannot_have_is_refused_in_one_line(case: str, k
 def test_a_file_without_a_rate_says_why_it_has_no_observer():
     text = joint(SOFT, ()).replace("  sample_rate_hz: 1000\n", "")
     offered = bench_of(text).opening()["structures"]
-    assert [key for key, each in offered.items() if "refused" in each] == ["dob"]
+    assert [key for key, each in offered.items() if "refused" in each] == ["split", "dob"]
     assert "control.sample_rate_hz is missing" in offered["dob"]["refused"]
 
 

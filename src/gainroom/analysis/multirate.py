@@ -96,9 +96,9 @@ class Multirate:
         """True if `value` is an eigenvalue that no gain moves off the unit circle."""
         return any(abs(value - one) < off for one, off in self._resting)
 
-    def unstable(self) -> int:
-        """Number of eigenvalues outside the unit circle."""
-        return _outside(self.values())
+    def unstable(self, others: object = 1.0, kd: object = 1.0) -> int:
+        """Number of eigenvalues outside the unit circle, with factors on the gains of each path."""
+        return _outside(self.values(others, kd))
 
     def limit(self) -> GainLimit:
         """Gain limit of the common factor on all gains. Raises GainroomError where it cannot be certified."""

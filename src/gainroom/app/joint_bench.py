@@ -26,6 +26,7 @@ from ..report.map_lines import MapView as Window, heights, opened, outlines, req
 from ..report.margin_columns import known_columns, margins_text
 from ..report.over_time import LOAD, drawn_until
 from ..studies.analysis import analyze
+from ..studies.gain_paths import PathStudy, study_gain_paths
 from ..studies.joint import JointStudy, study_joint
 from ..studies.progress import Progress, quiet
 from ..system.controller import Controller
@@ -34,6 +35,7 @@ from ..system.uncertainty import Uncertainty
 from .bench import Opened, Part, Remembered, advised, drawn_line, drawn_response, drawn_step, rounded
 from .edits import at_point, conditions, form_titles, gain_of, other_formats_hold, put, ranges, timing
 from .messages import View
+from .path_parts import one_path, open_loop, plane, stability, step as step_of_paths, use, verdict as verdict_of_paths
 from .shaken import shaken
 from .structures import Structure, Structures
 from .tunables import Tunable
@@ -52,10 +54,11 @@ class JointBench:
         self.opened = opened
         self._structures = Structures(opened.text, opened.source)
         self._system = self._structures.own.system
-        study = _nominal(self._system)
+        study = _nominal(one_path(self._system))
         self._span = sweep_span(study)
         self._window = map_window(study)
         self._studies = Remembered[JointStudy]()  # by text
+        self._paths = Remembered[PathStudy]()  # likewise, where kd closes on a path of its own
         self._plants = Remembered[JointStudy]()  # by plant: with its recommendation
         self._others = Remembered[System]()  # by what is no gain
         self._one_at_a_time = threading.Lock()
@@ -74,7 +77,7 @@ class JointBench:
             "span_hz": [end / (2 * math.pi) for end in self._span],
             "sampled": not system.control.sampling_in_delay,
             "asks_rate": not (system.control.sampling_in_delay or system.control.continuous),
-            "continuous": "delay_ticks" not in self._structures.own.data["drive"],
+            "continuous": "delay_ticks" not in self._structures.own.data["drive"] and control.kd_path is None,
             "view": {
                 "gains": {one.name: one.value for one in self._structures.own.tunables},
                 "delay_ms": 1e3 * system.delay,
@@ -92,15 +95,15 @@ class JointBench:
         return edited(self._structure(view).text, self.opened.source, self._values(view))
 
     def copied(self, view: View, form: str) -> str:
-        study = _nominal(self.system(view))
-        controller = study.system.control.controller
+        system = self.system(view)
+        controller = system.control.controller
         if form == "yaml":
             if view.structure:
                 lines = [f"{name}: {plain(value)}" for name, value in self._control(view).items()]
             else:
                 lines = [*joint_gains(controller), *self._other_lines(view)]
             return conditions(self.opened.source, self.opening()["view"], view) + "".join(f"{line}\n" for line in lines)
-        gain = gain_of(controller, form)
+        gain, study = gain_of(controller, form), _nominal(system)
         kept = margins_text(study.margins, study.system.requirements) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
         if (feedback := study.system.control.feedback).mixed:  # which no form has a key for
@@ -128,12 +131,14 @@ class JointBench:
         return None
 
     def page(self, view: View) -> str:
+        if self.system(view).control.kd_path is not None:
+            raise GainroomError("there is no page where kd closes on a path of its own; `gainroom joint` has its numbers")
         call = self.opened.call("joint")
         return joint_page(JointPresentation(self._study(view), call=call), call)
 
     def system(self, view: View) -> System:
         """System of the edited file, as the command line would read it."""
-        return parse_joint(self.text(view), self.opened.source)
+        return parse_joint(self.text(view), self.opened.source, two_paths=True)
 
     def _followed(self, view: View) -> System:
         """System while gains are dragged: a file is edited and read again only if something else changes."""
@@ -142,35 +147,50 @@ class JointBench:
         return system.with_controller(self._controller(view, system.control.controller))
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
-        system = self._followed(view)
-        study, plant = _nominal(system), self.plant(view)
+        system, plant = self._followed(view), self.plant(view)
+        if system.control.kd_path is not None:
+            more = {"plant": plant, "ranges": ranges(system.uncertainty)}
+            yield "verdict", stability(system) | self._gains(system, view) | more
+            yield "bode", open_loop(system, self._span)
+            return
+        study = _nominal(system)
         uncertain = bool(system.uncertainty.names)
         more = {"plant": plant, "ranges": ranges(system.uncertainty)}
-        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study, view) | more
+        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(system, view) | more
         yield "bode", bode(study, self._span)
         if plant != known:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, progress: Progress = quiet) -> Iterator[Part]:
-        study, plant = _nominal(self._followed(view)), self.plant(view)
+        system, plant = self._followed(view), self.plant(view)
+        if not known:
+            own = self._system
+            yield "before", step(_nominal(own)) if own.control.kd_path is None else step_of_paths(own)
+        if system.control.kd_path is not None:
+            yield "step", step_of_paths(system)
+            if plant != known:
+                yield "map", plane(system, window or self._window) | {"plant": plant}
+            return
+        study = _nominal(system)
         if plant != known:
             for part in required_gains(study, window or self._window):
                 yield "map", part | {"plant": plant}
-        if not known:
-            yield "before", step(_nominal(self._system))
         yield "step", step(study)
 
     def full(self, view: View, window: tuple[float, float] | None, progress: Progress) -> Iterator[Part]:
-        progress(0, 2, "ranges")
         system = self.system(view)
+        if system.control.kd_path is not None:
+            yield from self._full_of_paths(view, system, progress)
+            return
+        progress(0, 2, "ranges")
         study = JointStudy(system, analyze(system).every)
         vars(study).update(recommended=None, exact=None)
         if system.uncertainty.names:
-            yield "verdict", _verdict(study, "certified") | self._gains(study, view)  # before recommended gains, which take longer
+            yield "verdict", _verdict(study, "certified") | self._gains(system, view)  # before recommended gains, which take longer
         progress(1, 2, "recommended gains")
         study = self._study(view)
         use = joint_to_use(study, self.opened.call("joint"))
-        yield "verdict", _verdict(study, "certified") | self._gains(study, view)
+        yield "verdict", _verdict(study, "certified") | self._gains(system, view)
         best = study.recommended
         if type(study.template) is not type(system.control.controller):  # gains of another type are no gains of this file's controller
             best = None
@@ -186,14 +206,24 @@ class JointBench:
             },
         )
 
+    def _full_of_paths(self, view: View, system: System, progress: Progress) -> Iterator[Part]:
+        """Parts at rest of a joint whose kd closes on a path of its own: nominal margins first, then over the ranges."""
+        gains, text = self._gains(system, view), self.text(view)
+        if system.uncertainty.names and text not in self._paths:
+            progress(0, 2, "margins")
+            yield "verdict", verdict_of_paths(study_gain_paths(replace(system, uncertainty=Uncertainty())), "nominal") | gains
+        study = self._paths.of(text, lambda: study_gain_paths(system, progress))
+        yield "verdict", verdict_of_paths(study, "certified") | gains
+        yield "use", use(study) | {"plant": self.plant(view)}
+
     def recommended(self, view: View, progress: Progress) -> Iterator[Part]:
         yield from self.full(view, None, progress)
 
     def shaken(self, view: View, progress: Progress) -> Iterator[Part]:
-        yield from shaken(parse_simulation(self.text(view), self.opened.source), progress)
+        yield from shaken(parse_simulation(self.text(view), self.opened.source, two_paths=True), progress)
 
-    def _gains(self, study: JointStudy, view: View) -> dict[str, Any]:
-        controller = study.system.control.controller
+    def _gains(self, system: System, view: View) -> dict[str, Any]:
+        controller = system.control.controller
         point = controller.plane_gains() if controller.has_plane else None
         return {"gains": {one.name: float(getattr(controller, one.field)) for one in self._tunables(view) if one.field}, "point": point}
 

@@ -11,11 +11,13 @@ from ..files.joint_yaml import parse_joint
 from ..io.yaml_text import parse_yaml
 from ..report.comparison_text import name_of
 from ..report.number_format import typed
+from ..studies.comparison import usual_path
 from ..system.controller import type_of
 from ..system.system import System
+from .path_parts import APPROXIMATE
 from .tunables import Tunable, tunables
 
-TITLES = {key: name_of(key) for key in ("pd", "pid", "pd+biquad", "torque_feedback", "dob")}
+TITLES = {key: name_of(key) for key in ("pd", "pid", "pd+biquad", "split", "torque_feedback", "dob")}
 """Names of the structures for people, as `gainroom compare` has them."""
 BETWEEN = ("pd", "pid", "torque_feedback", "dob")
 """Types of controllers whose kp and kd are those of a PD, so that one can take the other's place."""
@@ -37,7 +39,7 @@ class Structure:
     @cached_property
     def system(self) -> System:
         """System of the file."""
-        return parse_joint(self.text, self.source)
+        return parse_joint(self.text, self.source, two_paths=True)
 
     @cached_property
     def data(self) -> dict[str, Any]:
@@ -55,6 +57,7 @@ class Structure:
         return {
             "gains": [one.described() for one in self.tunables],
             "axes": controller.plane_names,
+            "bode_of": "" if self.system.control.kd_path is None else APPROXIMATE,
             "map_of": "" if controller.has_plane else f"a plain PD: {controller.kind} has no such plane, and is moved by its sliders",
         }
 
@@ -71,7 +74,7 @@ class Structure:
         control, given, joint = self.system.control, self.data["control"], self.system.source
         kp, kd = control.controller.kp, control.controller.kd
         rate = given.get("sample_rate_hz")
-        section = {"type": key.removesuffix("+biquad"), "kp": kp, "kd": kd}
+        section = {"type": "pd" if key == "split" else key.removesuffix("+biquad"), "kp": kp, "kd": kd}
         section |= {name: given[name] for name in ("velocity_filter", "notches") if given.get(name)}
         sides: Any = control.feedback.without_torque
         section["feedback"] = sides.written
@@ -79,6 +82,8 @@ class Structure:
             section["sample_rate_hz"] = rate
         if key == "pid":
             section["ki"] = 0.0
+        elif key == "split":
+            section["kd_path"] = self._drive_path()
         elif key == "pd+biquad":
             usual = joint.resonance if math.isfinite(joint.resonance) else kp / kd if kd else 1.0
             at = float(typed(min(usual, math.inf if rate is None else 2 * math.pi * BELOW_RATE * rate), 3))
@@ -92,6 +97,15 @@ class Structure:
                 "bandwidth": float(typed(SLOW * kp / kd if kd else 1.0, 3)),
             }
         return section
+
+    def _drive_path(self) -> dict[str, Any]:
+        """Section `kd_path` of the drive's own loop: that of section `compare`, else the usual one."""
+        if given := (self.data.get("compare") or {}).get("drive_path"):
+            return dict(given)
+        if self.system.control.sample_time is None:
+            raise GainroomError("structure split: control.sample_rate_hz is missing: the rate of kp, which stays on the host")
+        path = usual_path(self.system)
+        return {"delay_ms": float(typed(1e3 * path.delay, 7)), "sample_rate_hz": float(typed(1 / path.sample_time, 7))}
 
 
 class Structures:

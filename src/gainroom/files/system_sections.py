@@ -589,8 +589,8 @@ def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
     """Raise GainroomError if kd has a path of its own, unless `two_paths`: the caller supports it."""
     if control.kd_path is not None and not two_paths:
         raise GainroomError(
-            "control.kd_path: is known to `gainroom joint`, `robot` and `audit`, and of one joint to `simulate` and `verify`, not here; "
-            "leave it out: one rate and delay for all gains"
+            "control.kd_path: is known to `gainroom joint`, `robot` and `audit`, and of one joint to `simulate`, `verify` and `app`, "
+            "not here; leave it out: one rate and delay for all gains"
         )
 
 

@@ -233,7 +233,7 @@ def compare(
     chosen = settings or ComparisonSettings()
     boxes = boxed(system)
     wanted = _wanted(boxes, chosen, structures)
-    path = chosen.path or _usual_path(boxes)
+    path = chosen.path or usual_path(boxes)
     problem = Problem(boxes, _ceilings(boxes, chosen), chosen.objective, path)
     bounded = bound and problem.objective == Objective()
     if best_known and not bounded:
@@ -325,7 +325,7 @@ def _position(system: System) -> str:
     return feedback.position
 
 
-def _usual_path(system: System) -> GainPath:
+def usual_path(system: System) -> GainPath:
     """The drive's own loop: the least multiple of the host's rate from DRIVE_RATE on."""
     step = system.control.sample_time
     assert step is not None

@@ -81,6 +81,12 @@ def reserve_about(loop: Loop, known: DelayReserve) -> float:
     return delay_reserve(loop).width
 
 
+def response_of_paths(loop: Loop, omega: Floats) -> Complexes:
+    """Return ratio (k,) at omega (k,) [rad/s] of one joint whose kd closes on a path of its own, as its delay reserve has it."""
+    closed = _TwoPaths(loop, np.ones(1)).without_aliases(omega).sum(axis=1)
+    return closed / (1 - closed)
+
+
 def _width(height: float) -> float:
     """τ [s] of a peak `height` [1/s] of the inverse; inf for 0, NaN for NaN."""
     return math.nan if math.isnan(height) else math.inf if height == 0 else 1 / height

@@ -189,8 +189,13 @@ function robot() {
 function show() {
   inputs.show();
   if (page.opening.kind !== "robot") {
-    const { axes, map_of } = page.opening.structures[page.view.structure || ""];
+    const { axes, map_of, bode_of } = page.opening.structures[page.view.structure || ""];
     map.names = axes;
+    for (const name of ["bode", "side"]) {
+      const small = /** @type {HTMLElement} */ (by(name).querySelector("small"));
+      small.dataset.own ||= small.textContent || "";
+      small.textContent = bode_of || small.dataset.own;
+    }
     by("map").querySelector("small").textContent = map_of ? `of ${map_of}` : "drag the dot; arrow keys move it";
   }
   if (states) states.show();
