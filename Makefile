@@ -25,7 +25,7 @@ demo: $(NATIVE)
 	@echo "  $(DEMO)/biped.html"
 	@echo "  $(DEMO)/testbed.html"
 
-# Of the slow tests a twelfth, with the next commit the next one: as many commits run all of them. `make test SHARE=K` runs share K.
+# Of the slow tests a thirtieth, with the next commit the next one: as many commits run all of them. `make test SHARE=K` runs share K.
 SHARE = $(or $(shell git rev-list --count HEAD 2>/dev/null),0)
 
 # Side by side, as types and documentation take one core half a minute.

@@ -82,7 +82,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-SHARES = 12
+SHARES = 30
 """Into as many the slow tests are divided."""
 
 

@@ -127,6 +127,7 @@ def test_a_measured_requirement_over_a_range(tmp_path: Path, capsys, noise: Nois
     assert found["recommended"]["proved"] is False
 
 
+@pytest.mark.slow
 def test_a_simulated_joint_is_judged_the_same(tmp_path: Path, capsys, noise: NoiseTorque):
     path = tmp_path / "joint.yaml"
     path.write_text(with_limit(JOINT.replace("kp: 900", "sample_rate_hz: 2000, kp: 900"), 0.01), "utf-8")
@@ -273,6 +274,7 @@ def test_the_app_shows_a_measured_requirement(tmp_path: Path, noise: NoiseTorque
     assert maps[-1]["last"]
 
 
+@pytest.mark.slow
 @dataclass(frozen=True)
 class Bandwidth(Requirement):
     """The least frequency [rad/s] at which a position no longer follows its reference within 3 dB, as far as the samples tell."""
@@ -450,6 +452,7 @@ def test_what_a_controller_refuses_names_file_key_and_value(tmp_path: Path, caps
         assert capsys.readouterr().err == f"gainroom: error: {path}: {told}: {why}\n"
 
 
+@pytest.mark.slow
 def test_a_disturbance_observer_of_a_joint(tmp_path: Path, capsys, observer: None):
     """Read from a file, and judged as the block diagram says: Ms on a dense grid, and all else as of the PID that it amounts to."""
     path = tmp_path / "joint.yaml"

@@ -500,6 +500,7 @@ EDITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "kind", "whole"), [(parse_joint, "joint", WHOLE_JOINT), (parse_robot, "robot", BIPED)])
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)

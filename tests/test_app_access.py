@@ -161,6 +161,7 @@ def test_a_taken_port_is_one_line(served: Served, capfd: pytest.CaptureFixture[s
     assert "cannot be listened on" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_cleanly_with_a_page_open(served: Served, tmp_path: Path):
     import signal
 

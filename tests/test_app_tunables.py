@@ -50,6 +50,7 @@ def joint(control: str, values: tuple[Any, ...], delay: float = 2.0) -> str:
     return JOINT.format(control=control.format(*values), delay=delay)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_number_that_is_moved_is_a_number_that_is_typed(tmp_path: Path, case: str):
     """The file is typed anew for the command line; to the last bit, as it is the same computation."""

@@ -192,6 +192,7 @@ def test_the_table_marks_what_each_joint_misses(
     assert max(one["peak_sensitivity"] for one in every) == pytest.approx(told["peak_sensitivity"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("delay", "stable"), [("2", True), ("6", False)])
 def test_every_requirement_that_fails_is_named(capsys: pytest.CaptureFixture[str], delay: str, stable: bool):
     """Each is asked for by itself first, and fails; asked for together all are named. Of unstable gains whatever is asked for."""

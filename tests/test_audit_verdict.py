@@ -132,6 +132,7 @@ CARRIED = {  # name: kp, kd, motor inertia: the knee's are too high, and the ank
 }
 
 
+@pytest.mark.slow
 def test_each_joint_is_lowered_as_little_as_it_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A knee that is a little too stiff beside an ankle that is far too stiff: by one factor the knee lost 58 % for the ankle's sake.
 

@@ -64,6 +64,7 @@ def compared(draw, number: int, factor: float, seen: Counter) -> list[str]:
     return wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [limbs, chain])
 @pytest.mark.parametrize("number", range(SHARE))
 def test_share(draw, number):

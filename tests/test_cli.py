@@ -174,6 +174,7 @@ def test_a_wide_table_moves_together_before_it_breaks_lines(capsys: pytest.Captu
 PPI = EXAMPLES["testbed"].replace("type: pd", "type: ppi").replace("kp: 1600.0 ", "kp: 20.0 ").replace("kd: 70.0 ", "ki: 30.0\n  kv: 10.0 ")
 
 
+@pytest.mark.slow
 def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "ppi.yaml"
     file.write_text(PPI, "utf-8")
@@ -222,6 +223,7 @@ def test_report_is_one_page_and_keeps_stdout_pure(folder: Path, tmp_path: Path, 
     assert os.listdir(tmp_path) == ["out.html"]
 
 
+@pytest.mark.slow
 def test_report_replaces_the_old_one_only_when_whole(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -244,6 +246,7 @@ def test_report_replaces_the_old_one_only_when_whole(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_report_through_a_link_keeps_the_link(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "link.html").symlink_to("true.html")
     assert main(["joint", str(folder / "testbed.yaml"), "--report", str(tmp_path / "link.html"), "--exit-zero"]) == 0

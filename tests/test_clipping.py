@@ -54,6 +54,7 @@ LIMITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIMITS)
 def test_limited_rows_are_found_and_the_others_tell_the_gains(name: str):
     """The law is exact in the rows that are left, so that its gains come back to rounding; with all rows they are 1.5 % off at least."""

@@ -36,6 +36,7 @@ def test_the_law_that_is_searched_is_the_controller_that_is_found(key):
         np.testing.assert_allclose(found.returned[row], loop.response(omega), rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", [fig9(), joint(0.05, 0.3, 2e3, 0.0, 3.3e-3)], ids=["fig9", "undamped"])
 @pytest.mark.parametrize("key", KEYS)
 def test_turns_count_what_roots_count(key, system):
@@ -56,6 +57,7 @@ def test_turns_count_what_roots_count(key, system):
     np.testing.assert_array_equal(turned[clear], exact[clear])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "worst"), [(fig9(), 0.926), (bench(), 4.32), (knee(), 0.363)])
 def test_pd_in_the_box_reaches_what_another_search_found(system, worst):
     """Worst peaks of |q/d| [mrad/(N m)] of a prototype with a grid of its own, which rounds to three digits."""

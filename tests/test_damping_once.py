@@ -50,6 +50,7 @@ def resistance(text: str) -> dict[str, float]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", WHERE)
 @pytest.mark.parametrize("actuators", ACTUATORS)
 @pytest.mark.parametrize("what", ["controller", "friction"])
@@ -70,6 +71,7 @@ def test_an_exported_mjcf_damps_as_the_audited_robot(
     assert second["safe"] == first["safe"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("again", [(), ("controller",), ("friction",)])
 @pytest.mark.parametrize("what", ["controller", "friction"])
 @pytest.mark.parametrize("form", ["answer", *FORMS])

@@ -177,6 +177,7 @@ def test_the_cause_of_a_recording(cause: str, index: int):
     assert _judged(recording(cause, index)) == cause
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(SHARE_QUIET))
 def test_a_quiet_recording(index: int):
     assert _judged(recording("quiet", index)) == "quiet"
@@ -281,6 +282,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_the_command_on_logs_of_simulate(folder: Path):
     """The file has the gains without the factor 1.4: it is read from the log."""
     status, out, _ = run("diagnose", folder / "loud.csv", "--joint", folder / "joint.yaml", "--json")

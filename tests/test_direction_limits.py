@@ -48,6 +48,7 @@ def is_stable(joints: Coupled, sampled: bool, near: float = 0.0) -> bool:
     return sampled_radius(joints, TICK, TICKS) < 1 if sampled else count_unstable(joints, near) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "sampled"), [*((seed, True) for seed in range(12)), *((seed, False) for seed in range(4))])
 def test_stability_ends_at_the_limit_of_a_direction(seed: int, sampled: bool):
     loop, truth, torque, jacobian, gains = drawn(seed, sampled)

@@ -144,6 +144,7 @@ def test_every_key_of_a_robots_answer_is_documented(told: Callable[..., dict], c
     assert sorted(key for key in keys_of(facts) - names if f"`{key}`" not in section) == []
 
 
+@pytest.mark.slow
 def test_every_key_of_a_comparison_is_documented(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """But those of a controller, its parameters and margins, which other pages have, and names of what a joint has ranges of."""
     assert main(["example", "fig9"]) == 0

@@ -56,6 +56,7 @@ def test_a_column_is_one_entry(tmp_path, capsys: pytest.CaptureFixture[str], mon
     assert f"<td>{shown}</td>" in html
 
 
+@pytest.mark.slow
 @dataclass(frozen=True)
 class Series(Controller):
     """u = kp (1 + lead s)(x_d − x): a PD in series form, kp [N m/rad], lead [s]."""
@@ -242,6 +243,7 @@ def shown_by(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> tu
     return found, " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
     """A key of limits: it is judged, kept by the recommended gains, which would miss it without, and told in JSON, terminal and page."""
     one, needed, own = COMPLEMENTARY, 1.3, complementary
@@ -269,6 +271,7 @@ def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
     assert f"without the {one.title}" in page
 
 
+@pytest.mark.slow
 def test_a_requirement_without_an_excluded_set(monkeypatch: pytest.MonkeyPatch):
     """It is judged by its margin alone: the recommended gains keep it all the same, in a file's unit, and would not without it."""
     monkeypatch.setitem(REQUIREMENTS, SPARE.name, SPARE)

@@ -340,6 +340,7 @@ def test_a_fault_of_the_program_is_not_unstable(folder: Path):
     assert "TypeError" in run.stderr
 
 
+@pytest.mark.slow
 def test_what_was_there_is_told_from_what_is_new(folder: Path):
     """The texts that the tests above compare are those that an undisturbed run replaces."""
     assert (folder / "page.html").read_text("utf-8") == OLD

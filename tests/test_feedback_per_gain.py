@@ -478,6 +478,7 @@ def test_a_recording_is_not_judged_with_both_sides(tmp_path: Path, capsys: pytes
     assert "is not known where gains measure both sides (kp link, kd motor): give motor or link" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_every_answer_of_the_joint_command_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, page = tmp_path / "joint.yaml", tmp_path / "page.html"
     path.write_text(_file("{kp: link, kd: motor}"))

@@ -109,6 +109,7 @@ def test_the_bound_that_limits_is_named_with_what_it_costs(box, objective, limit
         assert f"bound {limit}" in found.held_back_by()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [123.4567, 1e7])
 @pytest.mark.parametrize("objective", ["dynamic_stiffness", "largest_kp"])
 def test_where_nothing_else_limits_kp_its_bound_does(objective, most):
@@ -120,6 +121,7 @@ def test_where_nothing_else_limits_kp_its_bound_does(objective, most):
     assert found.binding == "kp_max"
 
 
+@pytest.mark.slow
 def test_bounds_hold_over_an_uncertainty_too():
     elastic, drive, step = parts_of(*ELBOW)
     uncertain = gr.Uncertainty(delay=(3e-3, 3.5e-3), stiffness=(800.0, 1000.0))
@@ -192,6 +194,7 @@ def answer(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_joint_file_and_its_answer(tmp_path, capsys):
     path = tmp_path / "joint.yaml"
     path.write_text(JOINT.replace("BOUNDS", "{kp_max: 200}"), "utf-8")
@@ -252,6 +255,7 @@ ARM_BOUNDS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", ARM_BOUNDS)
 def test_no_gains_of_a_robot_near_those_found_are_better_within_the_bounds(arm, more):
     """Random gains from a third to three times the found ones, brought into the bounds, so that many are on them."""
@@ -307,6 +311,7 @@ def test_the_largest_kp_goes_no_higher_than_the_bound(arm):
     assert found.margin[0] != "kp_max"
 
 
+@pytest.mark.slow
 def test_the_answer_of_a_robot_names_the_bound(arm, tmp_path, capsys):
     text = ROBOT + "gain_bounds: {shoulder: {kp_max: 100}, elbow: {kp_max: 50}}\n"
     path = write_arm(tmp_path, text)
@@ -387,6 +392,7 @@ def assert_meet_what_is_required(system, found, contact=""):
             assert system.requirements.met_by(gr.margins(loop))
 
 
+@pytest.mark.slow
 def test_a_bound_of_one_joint_is_its_images_too(biped):
     system = biped("gain_bounds: {left_knee: {kp_max: 777.7}}\n")
     gains = recommend_robot(system)

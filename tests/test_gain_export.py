@@ -108,6 +108,7 @@ def test_where_they_come_from_stands_inside(folder: Path, form: str):
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "actuators",
     [

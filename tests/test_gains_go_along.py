@@ -260,6 +260,7 @@ ACTUATED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ACTUATED)
 def test_mujoco_has_limits_and_armature(folder: Path, case: str):
     """MuJoCo's own generalized forces where the set-point is far away, and its own mass matrix with and without the rotors."""

@@ -117,6 +117,7 @@ def test_the_audit_is_one_of_the_worst_gearboxes(capsys: pytest.CaptureFixture[s
         assert again[key] == told[key]
 
 
+@pytest.mark.slow
 def test_stiffness_that_is_known_stays(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """A type of all joints that the file knows better of one is an error; of the others by name it is their range alone."""
     gains = tmp_path / "gains.yaml"

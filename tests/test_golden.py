@@ -91,6 +91,7 @@ def test_json_is_sorted_and_rounded():
     assert as_recorded("{no: json}") == "{no: json}"
 
 
+@pytest.mark.slow
 def test_the_text_of_a_page_is_what_is_read():
     page = '<body class="bad"><style>x</style><h1>Not <b>safe</b></h1><script>1</script><table><tr><td>a</td><td>b</td></tr></table></body>'
     assert page_text(page) == "body: bad\nNot safe\n| a | b"

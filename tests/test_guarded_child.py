@@ -172,6 +172,7 @@ def mcap_brackets(path: Path) -> None:
         writer.finish()
 
 
+@pytest.mark.slow
 def test_a_definition_that_is_parsed_for_ever(tmp_path: Path, monkeypatch):
     path = tmp_path / "brackets.mcap"
     mcap_brackets(path)

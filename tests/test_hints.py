@@ -164,6 +164,7 @@ def test_an_option_is_named_by_its_own_name(folder: Path, capsys: pytest.Capture
     assert "--workspace: 0 postures; from 1 to" in said
 
 
+@pytest.mark.slow
 def test_a_motor_inertia_that_is_missing_is_guessed_and_asked_for(folder: Path, capsys: pytest.CaptureFixture[str]):
     (folder / "gains.yaml").write_text('".*_knee": {kp: 100, kd: 3}\n', "utf-8")
     call = ["audit", "gainroom:biped.urdf", "--delay-ms", "2", "--gains", "gains.yaml", "--gearbox", "harmonic", "--json"]

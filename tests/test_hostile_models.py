@@ -36,6 +36,7 @@ def sphere(path: Path, count: int) -> Path:
     return written(path, '<body name="arm"><joint name="hinge"/><geom type="mesh" mesh="ball"/></body>', mesh)
 
 
+@pytest.mark.slow
 def test_a_hull_that_takes_too_long(tmp_path: Path, monkeypatch, capsys):
     path = sphere(tmp_path / "ball.xml", 400_000)
     monkeypatch.setattr(module, "LEAST_SECONDS", 5.0)

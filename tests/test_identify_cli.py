@@ -207,6 +207,7 @@ def test_the_covariance_in_the_file_is_that_of_the_delay_beside_it(identified: t
     assert not np.delete(row, place).any()
 
 
+@pytest.mark.slow
 def test_the_gains_in_the_file_keep_the_limits_over_its_intervals(identified: tuple[Path, dict[str, Any], dict[str, Any]]):
     """By another way than they were found: random joints within the box, their margins one by one."""
     system = load_joint(identified[0] / "knee.yaml")

@@ -173,6 +173,7 @@ def stable_loops(seed: int, count: int) -> list[Sampled]:
     return found
 
 
+@pytest.mark.slow
 def test_delays_that_vary_within_the_margin_do_not_destabilise():
     """A few loops; three times the margin of the last one does, so that the simulation can tell."""
     for loop in stable_loops(3, 3):

@@ -25,6 +25,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str):
     return status, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_gains_that_may_be_used_are_those_recommended_beside_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     page = tmp_path / "elbow.html"
     status, asked = answer(capsys, "joint", written(tmp_path, ELBOW), "--report", str(page))

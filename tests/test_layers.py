@@ -78,11 +78,13 @@ def test_the_package_has_these_layers_and_little_else():
     assert len(entries - {"__init__", "__main__", "py.typed"}) <= 16  # those three are Python's own
 
 
+@pytest.mark.slow
 def test_imports_run_one_way():
     wrong = [f"{name} imports {other}" for name in MODULES for other in imported(name) if other != "__init__" and rank(other) > rank(name)]
     assert not wrong
 
 
+@pytest.mark.slow
 def test_imports_have_no_cycle():
     """Module by module, inside packages too. The front door's own names load when they are asked for."""
     graph = {name: imported(name) - {"__init__"} for name in MODULES if name != "__init__"}

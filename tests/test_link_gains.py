@@ -220,6 +220,7 @@ def seeds(count, quick=2):
     return pytest.mark.parametrize("seed", [*range(quick), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(quick, count))])
 
 
+@pytest.mark.slow
 @seeds(300)
 def test_no_gains_on_a_grid_have_a_stiffer_link(seed):
     check(*random_joint(np.random.default_rng(seed)))
@@ -245,11 +246,13 @@ def with_jitter(seed):
     return joint, delay, step, Asked(jitter=share * width)
 
 
+@pytest.mark.slow
 @seeds(100)
 def test_nor_with_little_noise(seed):
     check(*with_noise(seed))
 
 
+@pytest.mark.slow
 @seeds(100)
 def test_nor_with_delays_that_vary(seed):
     check(*with_jitter(seed))
@@ -291,6 +294,7 @@ def check_ranges(joint, delay, step, asked, ranges, rng):
     return spare
 
 
+@pytest.mark.slow
 @seeds(40, quick=1)
 def test_recommended_gains_keep_what_is_asked_for_within_ranges(seed):
     check_ranges(*with_ranges(seed))
@@ -308,6 +312,7 @@ def test_a_region_beside_an_undamped_resonance():
                 assert region.contains(kp, kd) == (height < 2), (kp, kd, height)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["motor", {"kp": "link", "kd": "motor"}], ids=["motor", "both"])
 @pytest.mark.parametrize("ticks", [0, 1, 3])
 def test_whole_ticks_of_delay_behind_an_ideal_current_loop(feedback, ticks):

@@ -306,6 +306,7 @@ IDLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("idle", IDLE)
 def test_a_joint_without_gains_is_held_also_where_no_motor_could_move_it(tmp_path, idle):
     """As documented: with it the robot has the limit that it has without that joint."""

@@ -69,6 +69,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_bags(name: str, tmp_path: Path):
     path = tmp_path / "log.bag"
@@ -88,6 +89,7 @@ def test_the_bag_that_the_hostile_ones_are_made_of(tmp_path: Path):
         assert log.time - log.time[0] == pytest.approx(1e-3 * np.arange(60), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_folders_of_the_first_releases(tmp_path: Path):
     """Versions 1 to 3: the folder's name, as it was, before the file's; "compression_mode: NONE"; types without msg."""
     import sqlite3

@@ -31,6 +31,7 @@ def run(*call: str | Path) -> tuple[int, str, str]:
     return status, out.getvalue(), err.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_json_of_every_format(name: str, tmp_path: Path):
     WRITERS[name](tmp_path / name, Truth())

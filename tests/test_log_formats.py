@@ -16,6 +16,7 @@ TRUTH = Truth()
 EXACT = 1e-12  # a conversion between degrees and radians rounds twice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_format_comes_back(name: str, tmp_path: Path):
     WRITERS[name](tmp_path / name, TRUTH)
@@ -202,6 +203,7 @@ def test_fields_by_path(tmp_path: Path):
     assert_refused(lambda: read_log(tmp_path / "log.mcap", {"actual_torque": "drive/axis[7].a"}), wrong)
 
 
+@pytest.mark.slow
 def test_a_bag_that_reaches_out_of_its_folder(tmp_path: Path):
     write_bag(tmp_path / "bag", TRUTH)
     (tmp_path / "other").mkdir()

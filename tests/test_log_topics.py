@@ -39,6 +39,7 @@ MEASURED = {"position": TRUTH.motor_position, "velocity": TRUTH.motor_velocity, 
 COMMANDED = {"position": TRUTH.reference, "effort": TRUTH.target_torque}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("measured", "commanded"),
     [
@@ -97,6 +98,7 @@ def test_topics_that_nothing_tells_apart_name_the_flag(tmp_path: Path):
     assert np.array_equal(log.signals["actual_torque"], TRUTH.motor_velocity + 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("topic", ["effort_controller/commands", "forward_effort_controller/commands"])
 @pytest.mark.parametrize("count", [1, 2])
 def test_commands_without_names_of_joints(topic: str, count: int, tmp_path: Path):

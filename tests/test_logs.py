@@ -114,6 +114,7 @@ def test_parquet_is_one_table_of_doubles(tmp_path: Path):
     assert file.metadata.num_rows == 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("ending", [KeyboardInterrupt, gr.GainroomError, MemoryError])
 def test_an_interrupted_run_leaves_what_was_done(form, ending, tmp_path: Path):
@@ -126,6 +127,7 @@ def test_an_interrupted_run_leaves_what_was_done(form, ending, tmp_path: Path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("ending", [KeyboardInterrupt, gr.GainroomError])
 def test_a_run_that_ends_before_its_first_row_leaves_what_was_there(form, ending, tmp_path: Path):
@@ -200,6 +202,7 @@ def test_a_killed_run_leaves_what_was_flushed(form, tmp_path: Path):
     assert np.array_equal(torn.time, found.time[: len(torn.time)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_is_no_number_ends_the_log_and_is_not_in_it(form, bad, tmp_path: Path):
@@ -282,6 +285,7 @@ def test_a_damaged_mcap_is_told_in_one_line(tmp_path: Path, monkeypatch):
             assert np.array_equal(found.signals["target_torque"], block(60)["target_torque"][: len(found.time)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe" * 50, b"PAR1 and nothing else", b"\x89MCAP0\r\n\x01\x02\x03"])
 def test_other_files_are_told_from_logs(form, content, tmp_path: Path):

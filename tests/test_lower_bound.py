@@ -55,6 +55,7 @@ def hats(frequency: np.ndarray, joint: ExactJoint, ceilings: Ceilings, points: i
     return DualGrid.of(Stabilised.of(joint, ("motor",)), joint, ceilings, "motor", frequency, points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_no_weights_prove_more_than_a_pd_reaches(seed: int):
     """Weak duality: a PD that just meets ceilings made for it is no better than what random weights, and good ones, prove."""

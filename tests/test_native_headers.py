@@ -34,6 +34,7 @@ def test_limits_of_random_and_hostile_coupled_loops_end():
     assert int(ordinary) > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["-ffast-math", "-ffinite-math-only"])
 def test_headers_refuse_to_take_all_numbers_for_finite(option: str):
     """Ticks without numbers would be certified, or spoil all that follow."""

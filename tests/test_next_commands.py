@@ -72,6 +72,7 @@ def test_what_an_audit_prints_finds_gains_and_audits_them(capsys: pytest.Capture
         assert told["peak_sensitivity"] == pytest.approx(gains["peak_sensitivity"], rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limits",
     [{}, {"limits": {"gain_margin_db": 8.0, "phase_margin_deg": 40.0, "peak_sensitivity": 1.9}}, {"limits": {"gain_margin_db": 5.0}}],
@@ -106,6 +107,7 @@ GOES_ALONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", GOES_ALONG)
 @pytest.mark.parametrize("kd", [1.1, 12.0])
 def test_an_answer_is_judged_again_as_it_was(capsys: pytest.CaptureFixture[str], kind: str, kd: float):

@@ -51,6 +51,7 @@ def decided(facts: dict) -> tuple[str, list]:
     return facts["verdict"], sorted(found, key=lambda one: one["code"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHANGES)
 def test_simulate_judges_a_joint_as_joint_does(name: str, tmp_path: Path, capsys):
     file = tmp_path / "joint.yaml"
@@ -101,6 +102,7 @@ def arm(tmp_path: Path, **joint: object) -> Path:
     return file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("unknown", "given", "code"),
     [

@@ -63,6 +63,7 @@ def loop_of(table, inverse, sample_time: float | None, joints: range) -> gr.Loop
     return gr.build_loop(plant, [gr.Drive(*row) for row in rows[:, 5:8]], gr.PD(of["kp"], of["kd"]), "motor", sample_time)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limit_of", [gr.gain_limit, limit_from_loci, lambda loop: gr.margins(loop).limit], ids=["proved or not", "from loci", "margins"]
 )

@@ -140,6 +140,7 @@ def test_a_robot_names_its_joints():
     assert f"20{THIN}000 kg·m²" in told[0]
 
 
+@pytest.mark.slow
 def test_what_makes_numbers_doubtful_stands_before_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """On the terminal before the verdict, on pages before the headline, in --json as the first warning; other warnings stay below."""
     joint, leg, page = tmp_path / "joint.yaml", str(Path(__file__).parents[1] / "examples" / "robot.xml"), tmp_path / "page.html"

@@ -73,6 +73,7 @@ def test_recommended_gains_hold_within_the_range(folder: Path):
     assert least > 0.98 * found.margins.limit.gain  # between the places that were looked at, where nothing is proved
 
 
+@pytest.mark.slow
 def test_a_state_in_which_nothing_moves_has_no_part_in_it(folder: Path):
     """A flat contact holds both links, on which the encoders are: recommended gains are those without that state."""
     text = ROBOT.format(damping=2.0).replace("[2.5, 18]", "[1, 2]").replace("17", "1.5").replace("feedback: motor", "feedback: link")

@@ -132,6 +132,7 @@ RATES["safe in continuous time"] = (1e5, 9e4, 0.01)
 """kp, kd, delay [ms] of gains that are safe at all rates, at fast ones alone, and at none."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RATES)
 def test_without_a_rate_gains_are_unsafe_where_they_are_at_all_usual_rates_and_never_safe(name: str, tmp_path: Path, capsys):
     kp, kd, delay = RATES[name]
@@ -163,6 +164,7 @@ GEARBOXES = {
 """Motor inertia, kp, kd at 1 kHz and 2 ms, and what they are over all stiffnesses."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GEARBOXES)
 def test_gearboxes_that_nobody_described_are_read_from_rigid_to_the_softest_type(name: str, tmp_path: Path, capsys):
     motor, kp, kd, level = GEARBOXES[name]
@@ -195,6 +197,7 @@ MOTORS = {
 """kp, kd at 1 kHz and 2 ms, and what they are over all inertias of the motor."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTORS)
 def test_motors_that_nobody_described_are_read_from_none_to_what_they_move(name: str, tmp_path: Path, capsys):
     kp, kd, level = MOTORS[name]
@@ -219,6 +222,7 @@ ON_SPRINGS = {
 SPRING = (2e4, 20.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ON_SPRINGS)
 def test_motors_on_springs_that_nobody_described_are_read_from_a_tenth_of_what_they_move(name: str, tmp_path: Path, capsys):
     kp, kd, level = ON_SPRINGS[name]
@@ -242,6 +246,7 @@ OF_A_TYPE = {"safe with any": (30.0, 6.0, "safe"), "unsafe with any": (2e3, 238.
 """kp, kd at 1 kHz and 2 ms on harmonic gearboxes."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OF_A_TYPE)
 def test_motors_on_a_type_of_gearbox_are_read_with_all_of_its_range(name: str, tmp_path: Path, capsys):
     kp, kd, level = OF_A_TYPE[name]
@@ -289,6 +294,7 @@ def test_an_ordinary_urdf_is_decided_by_delay_rate_and_gearbox(name: str, tmp_pa
     assert facts["verdict"] == ("unsafe" if "too much" in name else "safe"), facts["sentence"]
 
 
+@pytest.mark.slow
 def test_a_joint_without_a_rate_likewise(tmp_path: Path, capsys):
     for name, (kp, kd, delay) in RATES.items():
         described = {
@@ -303,6 +309,7 @@ def test_a_joint_without_a_rate_likewise(tmp_path: Path, capsys):
         assert ("unsafe_at_usual_rates" in {one["code"] for one in facts["findings"]}) == (name == "safe in continuous time")
 
 
+@pytest.mark.slow
 def test_of_several_unknowns_all_that_decide_are_asked_for(tmp_path: Path, capsys):
     """Unsafe at all rates without the motor's inertia, and safe at 2 kHz with it."""
     kp, kd = 400.0, 270.0

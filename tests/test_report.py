@@ -76,6 +76,7 @@ def test_page_is_self_contained_and_small(stable_page):
     assert own.rstrip().endswith("</html>")
 
 
+@pytest.mark.slow
 def test_page_carries_answer_then_reason_in_order(stable, stable_page):
     own = unescape(without_library(stable_page))
     wanted = [
@@ -234,6 +235,7 @@ def test_a_line_of_one_level_is_where_the_values_have_it():
     assert np.hypot(*(pieces[:, 1] - pieces[:, 0]).T).max() < 0.05 * 1.5  # none runs across a cell's half
 
 
+@pytest.mark.slow
 def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_page):
     """Of the nominal one, which matters where something is uncertain."""
     names = [trace["name"] for trace in figures(stable_page)[0]["data"] if trace["showlegend"]]
@@ -243,6 +245,7 @@ def test_the_legend_of_the_gain_map_says_of_which_joint_its_areas_are(stable_pag
     assert [trace["name"] for trace in drawn["data"] if trace["showlegend"]] == [f"{name} (nominal joint only)" for name in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kp", "zooms"), [(100.0, True), (5000.0, False)])
 def test_the_gain_map_zooms_where_it_shows_a_part_of_the_stable_gains(kp: float, zooms: bool):
     study = gr.study_joint(specification(kd=10.0).with_controller(gr.PD(kp, 10.0)))
@@ -295,6 +298,7 @@ def test_what_binds_is_what_costs_most(stable):
     assert slack.binding == "link"  # no requirement is reached
 
 
+@pytest.mark.slow
 def test_what_a_requirement_costs_is_what_is_recommended_without_it():
     """However small the gains are that meet it; of gains in few digits stiffness and kp are known to 1 %."""
     spec = specification()

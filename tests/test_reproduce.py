@@ -94,6 +94,7 @@ def test_what_does_not_agree_says_why(result: Reproduction):
     assert all(math.isfinite(row.computed) for row in result.rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FIG9)
 def test_fig9_within_a_tenth_of_a_decibel_and_2_rad_s(computed, case: str):
     margin, crossover = FIG9[case]

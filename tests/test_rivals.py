@@ -72,6 +72,7 @@ def linear(bent: np.ndarray) -> np.ndarray:
     return STIFFNESS * bent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap", "seed"), [(4e-3, 0), (8e-3, 1), (15e-3, 2)])
 def test_a_gap_is_called_backlash(gap: float, seed: int):
     """To a fifth: the steepest corners of the torque are above the frequencies that are looked at."""
@@ -82,6 +83,7 @@ def test_a_gap_is_called_backlash(gap: float, seed: int):
     assert "backlash of about ±" in rivals_text([first])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("growth", [0.5, 2.0, 4.0])
 def test_a_torque_that_grows_faster_than_the_twist_is_called_stiffening(growth: float):
     """Slope at the largest twist over that at none, 3 h θ², to a fifth: twists below the excited frequencies are not seen."""
@@ -102,6 +104,7 @@ def test_a_load_that_changes_is_told_with_its_moment(moment: float, ratio: float
     assert first.values["ratio"] == pytest.approx(ratio, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
 def test_a_second_mode_is_told_with_its_resonances(share: float):
     """A third mass: the free joint's resonances are eigenvalues of M⁻¹K."""
@@ -136,6 +139,7 @@ def test_a_command_beyond_a_limit_that_is_not_logged_is_told(sides: tuple[float,
     assert first.values["torque"] == pytest.approx(min(abs(side) for side in sides), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_two_masses_and_a_spring_have_no_rival_and_leave_no_torque(seed: int):
     torque, position = log(linear, seed=seed)

@@ -132,6 +132,7 @@ def test_an_audit_of_recommended_gains_is_of_the_same_robot(folder: Path, capsys
     same(told(capsys, *call, "--gains", "gains.yaml"), again)
 
 
+@pytest.mark.slow
 def test_bounds_and_equal_gains_go_into_the_robot_that_an_audit_writes(folder: Path, capsys: pytest.CaptureFixture[str]):
     """By way of the answer and of the gains exported from it; none equal is something else than nothing said."""
     robot = written(folder, "a posture") | {
@@ -222,6 +223,7 @@ def test_what_is_typed_of_all_joints_contradicts_a_file(
     assert "which wins" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["answer", "export", "by hand"])
 @pytest.mark.parametrize(
     "options",

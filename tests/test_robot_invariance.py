@@ -301,6 +301,7 @@ def test_the_command_on_files(told: list[dict[str, Any]]):
             assert_same(row, task, {}, 1e-5)
 
 
+@pytest.mark.slow
 def test_recommended_gains_of_the_command_on_files(told: list[dict[str, Any]]):
     (plain, other), biped = told, VARIANTS["all at once"]
     square = biped.unit**2

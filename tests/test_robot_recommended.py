@@ -150,6 +150,7 @@ def test_gains_typed_back_meet_what_is_judged_then():
             assert spec.requirements.met_by(margins), (contact, weight)
 
 
+@pytest.mark.slow
 def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):
     _, gains = biped
     for found in gains.sets:
@@ -212,6 +213,7 @@ def test_the_robot_stands_on_them(biped: tuple[System, RobotGains], tmp_path: Pa
     assert_stands(BIPED.replace("feedback: motor,", "feedback: motor, sample_rate_hz: 2000,"), biped[1], tmp_path, capsys)
 
 
+@pytest.mark.slow
 def test_the_gains_of_the_file_play_no_part(tmp_path: Path):
     found = []
     for kp, kd in ((400.0, 30.0), (4.0, 30.0), (40000.0, 3.0)):
@@ -223,6 +225,7 @@ def test_the_gains_of_the_file_play_no_part(tmp_path: Path):
         np.testing.assert_array_equal(other.kd, found[0].kd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ranges", "said"), [("stiffness: [20, 100000]", True), ("stiffness: [7900, 8100]", False), ("", None)])
 def test_what_a_wide_range_costs_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], ranges: str, said: bool | None):
     """By the gains of the same file without the range."""

@@ -162,6 +162,7 @@ def test_page_carries_answer_then_reason_in_order(page, biped):
     assert own.count("<figure>") == own.count("<figcaption>") + own.count("</tbody></table></div></figure>")  # pictures have captions
 
 
+@pytest.mark.slow
 def test_the_first_picture_is_of_what_fails(page, biped):
     """The state and loop with the largest Ms: found on a dense grid. Colours: what one joint's disturbance moves, S e_k."""
     first = next(one for one in figures(page) if traces(one, "joints"))

@@ -132,6 +132,7 @@ def at_once(leg: RobotStudy, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: leg)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("at_once")
 def test_json_keeps_its_keys(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["robot", str(folder / "leg.yaml"), "--json", "--exit-zero"]) == 0

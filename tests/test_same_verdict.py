@@ -67,6 +67,7 @@ def agree(first: dict[str, Any], second: dict[str, Any], without: tuple[str, ...
         assert first["verdict"] == second["verdict"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", drawn(JOINTS, 57))
 def test_a_joint(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = written(tmp_path, drawn_joint(kind), "joint.yaml")
@@ -101,6 +102,7 @@ def trajectory(file: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", drawn(ROBOTS, 113))
 def test_a_robot(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     sections = drawn_robot(kind, tmp_path)
@@ -130,6 +132,7 @@ def test_a_robot(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
                 agree(alone, swept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", drawn(AUDITS, 59))
 def test_an_audit(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """And the robot.yaml that it writes."""
@@ -151,6 +154,7 @@ SERVOS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SERVOS)
 def test_an_mjcf_with_servos(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Where its damping may be read in two ways the robot.yaml is of one of them, which may be decided."""

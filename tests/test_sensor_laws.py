@@ -132,6 +132,7 @@ def test_torque_feedback_is_the_sum_of_both_laws(arm: Arm, law: TorqueFeedback) 
     assert loop.open_loop.at(loop.variable(1j * omega))[:, 0, 0] == pytest.approx(loop.response(omega), rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arm", "law"), CASES)
 def test_margins_of_torque_feedback_are_those_of_its_return_ratio(arm: Arm, law: TorqueFeedback) -> None:
     """The same return ratio as one LTI, whose zeros come from the polynomials by hand; the delay to the tick that scales its phase."""

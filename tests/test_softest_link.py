@@ -61,6 +61,7 @@ def test_links_move_over_time_as_that_of_the_same_joint_by_itself(tmp_path: Path
     assert found.responses[0].load.link_rest == pytest.approx(1 / 300 + 1 / SPRING, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_links_of_a_robot_rest_where_gains_and_gearboxes_let_them():
     """Under a load between its two links alone a joint with its own gains gives way by 1/kp + 1/K, others by nothing."""
     study = study_robot(load_robot_system(Path(gainroom.__path__[0]) / "files/examples/biped.yaml"), recommend=False)
@@ -106,6 +107,7 @@ def test_the_answer_tells_what_somebody_feels(tmp_path: Path, capsys: pytest.Cap
     assert "50 N at hand move it" in (tmp_path / "arm.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_where_no_gains_meet_everything_the_nearest_miss_stands_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A dynamic stiffness of 1800 N·m/rad at a gearbox of 2000: nothing comes near, and no gains are advised."""
     file = arm(tmp_path, limits={"gain_margin_db": 6.0, "phase_margin_deg": 30.0, "dynamic_stiffness": 1800.0})

@@ -178,6 +178,7 @@ def recommended(elbow: gr.JointStudy) -> tuple[float, float]:
     return elbow.recommended.kp, elbow.recommended.kd
 
 
+@pytest.mark.slow
 def test_a_joint_s_answer_has_the_motion_of_its_link(elbow: gr.JointStudy, recommended: tuple[float, float]):
     """JSON and sentences, for present and recommended gains, against the simulation here."""
     facts, words = JointPresentation(elbow).facts(), motion_text(elbow)

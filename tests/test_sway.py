@@ -167,6 +167,7 @@ def test_bands_end_where_another_mode_is_nearer():
     assert bands(modes[1:2], modes[1:2])[0] == pytest.approx([2 / NEAR, 2 * NEAR])
 
 
+@pytest.mark.slow
 def test_who_damps_sway_decides_in_every_command(tmp_path: Path, capsys):
     """A damping ratio of 0.02 is a phase margin of some 2°: not enough for joints, and nothing to do with vibration."""
     levels = {None: "undecided", "joints": "unsafe", "controller": "safe"}
@@ -212,6 +213,7 @@ def test_the_audit_of_a_model_asks_and_takes_the_answer(tmp_path: Path, capsys):
     assert "--balance nobody: must be joints or controller" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_gearboxes_of_a_range_leave_sway_to_whom_it_belongs(tmp_path: Path, capsys):
     """A harmonic drive of 21 kN m/rad and more beside kp 400 hardly moves the mode: what it is judged by is who damps it, in every look."""
     call = call_of(tmp_path, KP, KD, "--gearbox", "harmonic")
@@ -241,6 +243,7 @@ def test_a_vibration_stays_one_whoever_damps_sway(tmp_path: Path, capsys):
         assert found(facts, "sway") is None
 
 
+@pytest.mark.slow
 def test_gains_that_the_weight_topples_are_not_called_safe_where_nothing_is_said_of_it(tmp_path: Path, capsys):
     """By hand: the weight turns the torso over its ankle with m g h = 314 N m/rad, which kp 200 does not hold and kp 400 does."""
     model = {"file": "robot.urdf", "base": "floating"}
@@ -268,6 +271,7 @@ FOLDED = math.pi / 2
 """[rad] of the waist: the trunk then lies level, and the weight is half as high over the ankle."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grid", [f"waist=0:{FOLDED}:3", f"waist={-FOLDED}:0:3"])
 def test_a_sweep_finds_the_posture_in_which_the_weight_topples_wherever_it_stands(grid: str, tmp_path: Path, capsys):
     """By hand, of a trunk on a waist half way up: m g h over the ankle is 314 N m/rad upright and 157 folded; kp 230 holds the latter."""

@@ -43,6 +43,7 @@ def tied(name: str) -> str:
     return ARM.format(TIES[name]).replace("<worldbody>", hook)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TIES)
 def test_it_moves_as_in_mujoco(tmp_path, name):
     text = tied(name)

@@ -75,6 +75,7 @@ def test_a_trace_of_friction_changes_a_trace(friction, joint, drive, control):
         assert with_it.columns([kp])[0] == pytest.approx(without.columns([kp])[0], rel=slack)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [1e-12, 1e-6])
 def test_gains_are_recommended_as_without_friction(friction):
     joint, drive, control = SAMPLED

@@ -65,6 +65,7 @@ class Passing:
             self.table[2, 8:] *= self.limit(1.0, (2,)) / target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "far", "near", "between", "per_tick"),
     [
@@ -120,6 +121,7 @@ def test_certified_where_a_resonance_passes(seed: int, far: float, near: float, 
     assert seed in SHARP or certified > (0.4 if seed in BORN else 0.9) * min(len(way), LOOKED_AT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "far", "near", "between", "swing", "turn"),
     [(88, 0.08977, 0.127827, 0.4247, 0.000619, 2.174), (622, 0.05738, 0.05751, 0.8526, 0.000295, 2.7906)],
