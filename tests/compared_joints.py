@@ -4,8 +4,7 @@ import math
 
 import gainroom as gr
 from gainroom.design.comparison.ceilings import Ceilings
-from gainroom.design.comparison.joint_responses import HOST, Joint
-from gainroom.design.comparison.structure_search import boxed
+from gainroom.design.comparison.joint_responses import HOST, Joint, opened
 from gainroom.system.system import System
 
 TICK = 5e-4
@@ -42,4 +41,4 @@ def ceilings(system: System, noise: float | None = None) -> Ceilings:
 
 def nominal(system: System) -> Joint:
     """The joint at its nominal values, as laws on the host meet it."""
-    return Joint.of(boxed(system), {HOST: system.delay / 2}, None)
+    return Joint(opened(system), {HOST: system.delay / 2}, None)

@@ -15,7 +15,8 @@ from gainroom.cli.example import example_texts
 from gainroom.design.comparison.catalogue import structure_of
 from gainroom.design.comparison.ceilings import Ceilings
 from gainroom.design.comparison.certificate import Certificate
-from gainroom.design.comparison.structure_search import Problem, corner_places
+from gainroom.design.comparison.compared_joint import ComparedJoint
+from gainroom.design.comparison.structure_search import Problem
 from gainroom.files.compared_joint import compared_text
 from gainroom.files.joint_yaml import load_joint, parse_comparison
 from gainroom.report.comparison_text import winner
@@ -36,7 +37,6 @@ control:
 limits: {gain_margin_db: 6.0, phase_margin_deg: 50.0, peak_sensitivity: 2.0}
 uncertainty: {link_inertia: [8.0, 24.0], stiffness: 20%}
 """
-ROBOT = "model: {file: arm.urdf}\njoints: {default: {stiffness: 1.0e4}}\n"
 
 
 @pytest.fixture
@@ -153,7 +153,8 @@ def test_a_law_in_plain_numbers_is_written_and_read_back(joint: Path, tmp_path: 
     low, high = structure.box
     found = structure.system((low + high) / 2, system, None)
     row = Row("observer", found, {}, *(math.nan, math.nan, "", None, None, 0, math.nan, math.nan), ("motor",), "host", math.nan, None)
-    comparison = Comparison((row,), None, None, system, Ceilings(delay_reserve=1e-3), settings.objective)
+    compared = ComparedJoint.of(system)
+    comparison = Comparison((row,), None, None, system, Ceilings(delay_reserve=1e-3), settings.objective, joint=compared)
     again = parse_comparison(compared_text(comparison, row, joint.read_text("utf-8"), "joint.yaml", "0"), "again.yaml")[0]
     omega = np.geomspace(1.0, 6000.0, 50)
     # 16 digits of every zero and pole: near z = 1, where they gather, the response keeps about 10 of them
@@ -201,11 +202,12 @@ def test_corners_with_other_delays_are_looked_at_together():
     assert "delay" in system.uncertainty.names
     structure = structure_of("pd").scaled_to(system, gr.GainPath(1e-4, 5e-5))
     ceilings = Ceilings(delay_reserve=1e-3, torque_noise=3.0, sensor_noise=settings.sensor_noise)
-    problem = Problem(system, ceilings, settings.objective, gr.GainPath(1e-4, 5e-5))
-    corners = problem.corners(structure, corner_places(system), 1.0)
-    assert len({len(problem.joint(structure, place).grid(1.0)) for place in corner_places(system)}) > 1
+    compared = ComparedJoint.of(system)
+    problem = Problem(compared, ceilings, settings.objective, gr.GainPath(1e-4, 5e-5))
+    corners = problem.corners(structure, compared.corners, 1.0)
+    assert len({len(problem.spot(structure, spot).grid(1.0)) for spot in compared.corners}) > 1
     x = structure.coordinates({"kp": 2000.0, "kd": 400.0})[None]
-    alone = [problem.corners(structure, [place], 1.0).one(x, 0) for place in corner_places(system)]
+    alone = [problem.corners(structure, [spot], 1.0).one(x, 0) for spot in compared.corners]
     together = [corners.one(x, k) for k in range(len(alone))]
     for one, other in zip(alone, together, strict=True):
         # added frequencies can only find more of a peak, by what lies between two of the coarse grid
@@ -245,6 +247,7 @@ def test_a_person_reads_the_verdict_first(joint: Path, capsys):
         (("--take", "pd"), "--take pd: is for --write, which names the file"),
         (("--write", "better.yaml", "--take", "pid", "--structures", "pd"), "--take pid: must be one of --structures pd"),
         (("--write", "better.txt"), "better.txt: --write must end in .yaml"),
+        (("--joint", "knee"), "joint 'knee': names one of a robot's joints, and this is a single joint"),
     ],
 )
 def test_calls_that_are_wrong(words: tuple[str, ...], message: str, joint: Path, capsys):
@@ -267,12 +270,6 @@ def test_files_that_do_not_fit(old: str, new: str, message: str, joint: Path, ca
     assert old in JOINT
     joint.write_text(JOINT.replace(old, new).replace("uncertainty: {link_inertia: [8.0, 24.0], stiffness: 20%}", ""), "utf-8")
     assert message in refused(capsys, "compare", joint).replace(" is for the objective", ": is for the objective").replace("::", ":")
-
-
-def test_a_robot_is_refused_with_what_takes_it(tmp_path: Path, capsys):
-    path = tmp_path / "robot.yaml"
-    path.write_text(ROBOT, "utf-8")
-    assert "must be a joint.yaml; it describes a whole robot: gainroom robot" in refused(capsys, "compare", path)
 
 
 def test_the_section_is_read(tmp_path: Path):

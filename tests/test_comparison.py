@@ -26,14 +26,17 @@ def random_vectors(key, count, seed, system=None):
 
 @pytest.mark.parametrize("key", KEYS)
 def test_the_law_that_is_searched_is_the_controller_that_is_found(key):
-    """Its loop as build_loop makes it has the same return ratio; round-off of sampled plants, found in two ways, is 1e-9 of it."""
+    """Its loop as build_loop makes it has the same return ratio.
+
+    Round-off of sampled plants, found in two ways, is 1e-9 of it, and near half the rate, where the plant has rolled off, 2e-7.
+    """
     system, structure, x = random_vectors(key, 5, 1)
     at = nominal(system)
     omega = np.geomspace(1.0, 6000.0, 60)
     found = curves(structure, x, at, at.at(omega), ceilings(system))
     for row in range(len(x)):
         loop = structure.system(x[row], system, gr.GainPath(1e-4, 5e-5)).loop()
-        np.testing.assert_allclose(found.returned[row], loop.response(omega), rtol=1e-7)
+        np.testing.assert_allclose(found.returned[row], loop.response(omega), rtol=1e-6)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from ..native import _core
 from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.transfer_function import growth
 from ..system.loop import Loop, require_loop
-from .callable_scan import scan_callable
+from .callable_scan import scan_callable, scan_sampled
 from .characteristic import RESOLUTION, Characteristic, characteristic, growth_rate
 from .core_loop import CoreLoop
 from .crossings import Scan, scan
@@ -43,13 +43,16 @@ class Roots:
 
 
 def scan_loop(loop: Loop, with_peaks: bool = True) -> Scan:
-    """All crossings and peaks of a scalar loop: certified from zeros and poles, or sampled adaptively from a callable."""
+    """All crossings and peaks of a scalar loop: certified from zeros and poles, or sampled adaptively from a callable or a state space."""
     if loop.scalar is not None and loop.scalar.gain == 0:
         return _silent(with_peaks)
     if loop.scalar is not None:
         return scan(loop.scalar, with_peaks)
     if loop.function is not None:
         return scan_callable(loop.response)
+    if loop.is_given:
+        assert loop.sample_time is not None
+        return scan_sampled(loop.response, loop.corner_frequencies.poles, loop.sample_time)
     raise GainroomError(f"a loop of {loop.size} joints has no scalar response; use gain_limit or rightmost_roots")
 
 
@@ -67,6 +70,10 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     """
     if loop.kd_path is not None:
         return Multirate(loop).unstable()
+    if loop.is_given:
+        assert loop.given is not None
+        closed = loop.given.a - loop.gain * loop.given.b @ loop.given.c
+        return int(np.count_nonzero(growth(np.linalg.eigvals(closed), loop.sample_time) >= 0))
     if loop.scalar is None and loop.function is None:
         return _coupled_unstable_roots(loop)
     if _is_lost_at_infinity(loop):

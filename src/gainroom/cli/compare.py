@@ -17,8 +17,14 @@ def compare(
     context: typer.Context,
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml with control.sample_rate_hz; gains may be left out.", show_default=False),
+        typer.Argument(
+            metavar="FILE", help="A joint.yaml with control.sample_rate_hz; gains may be left out. Or a robot.yaml.", show_default=False
+        ),
     ],
+    joint: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Joint of a robot.yaml, all others closed by its gains; else the softest.", show_default=False),
+    ] = None,
     structures: Annotated[
         str | None,
         typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, dob, observer, split, torque_feedback …", show_default=False),
@@ -39,7 +45,7 @@ def compare(
         bool, typer.Option("--best-known", help="Also how near to that a controller is known to come (needs gainroom[compare]).")
     ] = False,
     write: Annotated[
-        Path | None, typer.Option(metavar="JOINT.yaml", help="Also write the joint with the controller found.", show_default=False)
+        Path | None, typer.Option(metavar="FILE.yaml", help="Also write a copy with the controller found.", show_default=False)
     ] = None,
     take: Annotated[
         str | None, typer.Option(metavar="KEY", help="Structure for --write, else the one to use as the joint is.", show_default=False)
@@ -55,32 +61,33 @@ def compare(
       gainroom compare joint.yaml --report compare.html
       gainroom compare joint.yaml --torque-sensor 0.05
       gainroom compare joint.yaml --structures pd,split --write better.yaml --take split
+      gainroom compare robot.yaml --joint left_knee
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 interrupted.
     """
     from ..errors import named
     from ..files.compare_section import assumption
-    from ..files.joint_yaml import load_comparison
+    from ..files.compared_joint import load_compared
 
-    given, settings = load_comparison(file)
+    given, settings, one = load_compared(file, joint)
     settings = _settings(settings, torque_sensor, noise, objective)
     keys, taken = _structures(structures, take, write)
-    with report_stream(report, write) as page, text_output(write, "joint.yaml", yaml_of="--write") as joint:
+    with report_stream(report, write) as page, text_output(write, "copy of the file", yaml_of="--write") as copy:
         from ..report.comparison_text import ComparisonPresentation
         from ..studies.comparison import compare as compared
 
         with progress_bar("compare:") as progress, named(str(file)):
-            found = compared(given, keys, settings=settings, bound=bound, best_known=best_known, progress=progress)
-        row = None if joint is None else _taken(found, taken)
-        call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint": write}
+            found = compared(one.system, keys, joint=one, settings=settings, bound=bound, best_known=best_known, progress=progress)
+        row = None if copy is None else _taken(found, taken)
+        call, files = typed_command(context, "report", "write", "take"), {"Report": report, "Joint" if one.is_single else "Robot": write}
         shown = ComparisonPresentation(found, given, settings, str(file), assumption(given, settings), row, call=call, files=files)
         present(shown, as_json, verbose)
         if page is not None:
             from ..report.comparison import comparison_page
 
             page.write(comparison_page(shown, typed_command(context)))
-        if joint is not None and row is not None:
-            joint.write(_joint_text(found, row, file))
+        if copy is not None and row is not None:
+            copy.write(_text_of_copy(found, row, file))
     return 0
 
 
@@ -130,7 +137,7 @@ def _structure(key: str, option: str) -> str:
 
 
 def _taken(found: "Comparison", key: str | None) -> "Row":
-    """Row to write. Raises GainroomError where there is none that holds the box."""
+    """Row to write. Raises GainroomError where there is none that holds the box, or that a robot.yaml can hold."""
     from ..errors import GainroomError
     from ..report.comparison_text import winner
 
@@ -138,13 +145,20 @@ def _taken(found: "Comparison", key: str | None) -> "Row":
     if row is None or not row.holds:
         why = "no structure holds the box" if row is None else f"{row.structure} does not hold the box: {row.broken}"
         raise GainroomError(f"--write: {why}")
+    if not found.joint.is_single and row.robot is None:
+        held = [one.structure for one in found.rows if one.holds and one.robot is not None]
+        other = f"; --take {held[0]} can be written" if held else ""
+        raise GainroomError(
+            f"--write: a robot.yaml cannot hold {row.structure} in one joint: filters and rates are those of all joints{other}"
+        )
     return row
 
 
-def _joint_text(found: "Comparison", row: "Row", file: Path) -> str:
-    """Text of the joint.yaml to write."""
+def _text_of_copy(found: "Comparison", row: "Row", file: Path) -> str:
+    """Text of the file to write."""
     from .. import __version__
-    from ..files.compared_joint import compared_text
+    from ..files.compared_joint import compared_robot_text, compared_text
     from ..io.yaml_text import read_text
 
-    return compared_text(found, row, read_text(file), str(file), __version__)
+    text_of = compared_text if found.joint.is_single else compared_robot_text
+    return text_of(found, row, read_text(file), str(file), __version__)

@@ -1,19 +1,51 @@
-"""Text of a joint.yaml with the controller that a comparison found, the limits that it was held to, and the box that it holds."""
+"""Text of a joint.yaml with the controller that a comparison found, the limits that it was held to, and the box that it holds.
 
+Of a robot.yaml the gains of the one joint are others; its limits are those of all joints, and stay.
+"""
+
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..design.comparison.compared_joint import ComparedJoint
+from ..errors import named
 from ..io.as_typed import as_typed
-from ..studies.comparison import Comparison, Row
+from ..robot.name_patterns import DEFAULT
+from ..studies.comparison import Comparison, ComparisonSettings, Row, compared_joint
 from ..system.controller import Compensator, type_of
 from ..system.filters import FILTERS
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .edited_text import edited, plain, with_section
-from .joint_yaml import parse_comparison
+from ..system.uncertainty import Uncertainty
+from .compare_section import CompareSection
+from .edited_text import Keys, edited, plain, with_section
+from .file_types import kind_of_file
+from .joint_yaml import load_comparison, parse_comparison
 from .law_section import law_written
+from .robot_yaml import load_robot_system, parse_robot
 
 UNITS = {"delay": ("delay_ms", 1e3)}
 """Keys of `uncertainty` that differ from the name of the quantity, and their units per SI."""
+
+
+def load_compared(path: Path, joint: str | None = None) -> tuple[System, ComparisonSettings, ComparedJoint]:
+    """Joint of a joint.yaml, or a joint of a robot.yaml, None the softest: as its file describes it, what is compared, and where.
+
+    Raises GainroomError, one line that names the file.
+    """
+    if kind_of_file(path) != "robot":
+        given, settings = load_comparison(path)
+        with named(str(path)):
+            return given, settings, compared_joint(given, joint)
+    system = load_robot_system(path)
+    with named(str(path)):
+        one = compared_joint(system, joint)
+    given = one.alone if system.uncertainty.names else replace(one.alone, uncertainty=Uncertainty())
+    return given, CompareSection.model_validate({}).settings(given), one
 
 
 def compared_text(found: Comparison, row: Row, text: str, source: str, version: str) -> str:
@@ -30,6 +62,30 @@ def compared_text(found: Comparison, row: Row, text: str, source: str, version: 
     head = f"# Controller {row.structure}, found by gainroom compare {version}: the stiffest that keeps these limits in this box.\n"
     parse_comparison(head + result, "the joint.yaml to be written")
     return head + result
+
+
+def compared_robot_text(found: Comparison, row: Row, text: str, source: str, version: str) -> str:
+    """The robot.yaml `text`, which messages call `source`, with the gains of `row` in its joint. It is read again before it is returned."""
+    joint = found.joint.name
+    assert row.robot is not None
+    values: dict[Keys, Any] = {("control", key): value for key, value in gains_section(joint, row.robot).items()}
+    result = edited(text, source, values, plain)
+    head = f"# Gains of {joint}: {row.structure}, found by gainroom compare {version}, all other joints closed by theirs.\n"
+    parse_robot(head + result, "the robot.yaml to be written", Path(source).parent)
+    return head + result
+
+
+def gains_section(joint: str, robot: System) -> dict[str, Any]:
+    """Keys of `control` in a robot.yaml that hold the gains of `robot`, with its type: those that most joints have as default."""
+    controller, names = robot.control.controller, robot.source.joint_names
+    found: dict[str, Any] = {"type": type_of(controller)}
+    for key in controller.gain_names():
+        values = [_seven(value) for value in np.broadcast_to(getattr(controller, key), len(names))]
+        others = [value for name, value in zip(names, values, strict=True) if name != joint]
+        usual = Counter(others).most_common(1)[0][0]
+        own = {re.escape(name): value for name, value in zip(names, values, strict=True) if value != usual}
+        found[key] = {DEFAULT: usual, **own} if own else usual
+    return found
 
 
 def control_section(system: System) -> dict[str, Any]:

@@ -110,7 +110,7 @@ def load_comparison(path: Path) -> "tuple[System, ComparisonSettings]":
 
 def parse_comparison(text: str, source: str) -> "tuple[System, ComparisonSettings]":
     """Joint and comparison in the text of a joint.yaml, which messages call `source`; otherwise as load_comparison."""
-    from ..design.comparison.structure_search import require_comparable
+    from ..design.comparison.compared_joint import require_comparable
 
     with named(source), Together() as together:
         file = _file(text, source, two_paths=True, together=together, may_ask=True)

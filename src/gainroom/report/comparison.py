@@ -9,7 +9,7 @@ import numpy as np
 
 from ..design.comparison.catalogue import structure_of
 from ..design.comparison.closed_loop import curves
-from ..design.comparison.structure_search import Problem, corner_places
+from ..design.comparison.structure_search import Problem
 from ..studies.comparison import Comparison, Row
 from ..system.gain_path import GainPath
 from ..system.linear.arrays import Floats
@@ -78,13 +78,14 @@ def comparison_page(shown: ComparisonPresentation, command: str) -> str:
             [
                 facts([*machine(given), ("box", uncertainty_text(found.system))]),
                 *map(paragraph, (ceilings_text(shown), *shown.all_assumed)),
-                assumptions("Linear two-mass joint", given.control),
+                assumptions("Linear two-mass joint" if found.joint.is_single else "Linear robot", given.control),
             ],
             "what was read, what every structure was held to",
         ),
         Section("Certification", [_certificate(found), *map(paragraph, unsure(found))], "how the numbers were checked"),
     ]
-    title = f"gainroom compare: controllers of one joint, {model_text(given.control.sample_time)}"
+    which = "one joint" if found.joint.is_single else found.joint.name
+    title = f"gainroom compare: controllers of {which}, {model_text(given.control.sample_time)}"
     best = winner(found)
     lead = Lead(sentence(found), "bare" if best is None else "good", warnings=shown.cautions, advice=advice_box(shown.advice))
     return page(title, lead, _cards(found), sections, command)
@@ -260,11 +261,11 @@ def worst_curve(found: Comparison, row: Row) -> tuple[Floats, Floats]:
     structure = structure_of(row.structure, control.feedback.position)
     path = control.kd_path or GainPath(0.0, 1.0)  # not used without one
     structure = structure.scaled_to(found.system, path)
-    problem = Problem(found.system, found.ceilings, found.objective, path)
+    problem = Problem(found.joint, found.ceilings, found.objective, path)
     x = structure.coordinates(row.parameters)[None]
     best: tuple[Floats, Floats] | None = None
-    for place in corner_places(found.system):
-        joint = problem.joint(structure, place)
+    for spot in found.joint.corners:
+        joint = problem.spot(structure, spot)
         omega = joint.grid(DENSITY)
         size = np.abs(curves(structure, x, joint, joint.at(omega), found.ceilings).compliance[0])
         if best is None or size.max() > best[1].max():
@@ -285,12 +286,17 @@ def _controllers(found: Comparison) -> list[Html]:
 def _certificate(found: Comparison) -> Html:
     proved = [row for row in found.rows if row.holds]
     counts = sorted({row.proved for row in proved})
-    margins = (
-        f"margins of every winner's loop worked out at {digits(counts[0])} to {digits(counts[-1])} places: every corner of the box and "
-        "samples inside; no grid of frequencies decides a ceiling"
-        if proved
-        else "no structure holds the box"
-    )
+    margins = "no structure holds the box"
+    if proved:
+        margins = (
+            f"margins of every winner's loop worked out at {digits(counts[0])} to {digits(counts[-1])} places: all corners of the box "
+        )
+        margins += (
+            "and samples inside; no grid of frequencies decides a ceiling"
+            if found.joint.is_single
+            else "and every state of the file, all other loops closed, stability by the roots of the whole robot; where two rates meet "
+            "there are none, and ceilings are those of the search"
+        )
     gaps = ", ".join(f"{name_of(row.structure)} {gap_text(row)}" for row in proved)
     pairs = [
         ("ceilings", margins),

@@ -10,7 +10,7 @@ from ..analysis.margin_record import Margins
 from ..design.comparison.best_known import BestKnown
 from ..design.comparison.objective import Objective
 from ..errors import listed
-from ..files.compared_joint import control_section
+from ..files.compared_joint import control_section, gains_section
 from ..files.edited_text import plain
 from ..studies.comparison import Comparison, ComparisonSettings, Row
 from ..system.controller import type_of
@@ -40,6 +40,8 @@ CEILINGS = {"peak_sensitivity": "Ms", "delay_reserve": "delay reserve", "torque_
 """Names of ceilings."""
 LEAST_PLAIN, MOST_PLAIN = 1e-3, 99.95
 """Numbers that are written with three digits, zeros at their end among them, so that columns and cards agree."""
+NOT_HELD = "A robot.yaml cannot hold it: filters, and a rate of kd's own, are those of all its joints"
+"""What is said of a controller that one joint of a robot's file cannot have alone."""
 UNSURE = 0.02
 """Gap of the two best starts above which it is told in sentences."""
 SMALL = {
@@ -100,8 +102,20 @@ def winner(found: Comparison) -> Row | None:
 
 
 def sentence(found: Comparison) -> str:
-    """Answer: what to do about PD, then what else would buy what, then what nothing can beat."""
-    return " ".join(filter(None, [_verdict(found), _others(found), _bound(found)]))
+    """Answer: what to do about PD, then what else would buy what, then what nothing can beat; of a robot, for which joint and where."""
+    first = _verdict(found) if found.joint.is_single else f"{found.joint.name}: {_verdict(found)}"
+    return " ".join(filter(None, [first, _others(found), _bound(found), _of_robot(found)]))
+
+
+def _of_robot(found: Comparison) -> str:
+    """Sentence on the state in which a robot's joint was compared; "" of a single joint."""
+    joint = found.joint
+    if joint.is_single:
+        return ""
+    count, every = len(joint.states), len(joint.system.source.states)
+    where = f"in all {count} states" if count == every else f"in the {count} softest of {every} states"
+    where = where if count > 1 else "in its one state"
+    return f"All other joints are closed by the file's gains, {where}; the link is softest in {'/'.join(joint.states[0])}."
 
 
 def _verdict(found: Comparison) -> str:
@@ -357,16 +371,34 @@ class ComparisonPresentation(Presentation):
     @property
     def advice(self) -> Advice | None:
         """Controller to use, as lines of `control`, and what to do with it."""
-        row, written = self.chosen, self.files.get("Joint")
+        row, written = self.chosen, self.files.get("Joint") or self.files.get("Robot")
         if row is None or row.controller is None:
             return None
         name = name_of(row.structure)
         if written is not None:
-            return Advice(f"{name} is in {written}:", [f"gainroom joint {written}", f"gainroom simulate {written}"])
+            single = self.found.joint.is_single
+            judged = [f"gainroom joint {written}", f"gainroom simulate {written}"] if single else [f"gainroom robot {written}"]
+            return Advice(f"{name} is in {written}:", judged)
+        if not self.found.joint.is_single:
+            return self._in_robot(row)
         lines = [] if type_of(row.controller.control.controller) == "lti" else control_lines(row.controller)
         copy = [f"{self.call} --write better.yaml", "gainroom joint better.yaml"]
         then = f"{'Or as' if lines else 'As'} a copy of {self.file} with these limits and this box:", copy
         return Advice(f"Use {name}{f', in {self.file} under control:' if lines else '.'}", lines, self._what_else, then=then)
+
+    def _in_robot(self, row: Row) -> Advice:
+        """Controller to use in one joint of a robot, as lines of `control` where a robot.yaml can hold it."""
+        name, joint = name_of(row.structure), self.found.joint.name
+        copy = f"{self.call} --write better.yaml --take"
+        if row.robot is not None:
+            lines = robot_gains(joint, row.robot)
+            then = f"Or as a copy of {self.file}:", [f"{copy} {row.structure}", "gainroom robot better.yaml"]
+            return Advice(f"Use {name} in {joint}, in {self.file} under control:", lines, self._what_else, then=then)
+        pd = pd_row(self.found)
+        held = pd is not None and pd.holds and pd.robot is not None
+        then = ("The best PD, which it can hold, as a copy:", [f"{copy} pd", "gainroom robot better.yaml"]) if held else ("", [])
+        why = f"{NOT_HELD}, and gainroom robot does not judge it."
+        return Advice(f"Use {name} in {joint}:", control_lines(row.controller), [why, *self._what_else], then=then)  # type: ignore[arg-type]
 
     @property
     def _what_else(self) -> list[str]:
@@ -397,12 +429,14 @@ class ComparisonPresentation(Presentation):
         row = self.chosen
         if row is None or row.worst_margins is None:
             return []
-        return [*filter(None, [lower_gains(row.worst_margins.limit), missed_text(self.given, row, row.worst_margins)])]
+        limits = missed_text(self.given, row, row.worst_margins) if self.found.joint.is_single else ""  # else they are of all joints
+        return [*filter(None, [lower_gains(row.worst_margins.limit), limits])]
 
     def facts(self) -> dict[str, Any]:
         found = self.found
         return {
             "sentence": sentence(found),
+            "joint": None if found.joint.is_single else joint_facts(found),
             "findings": findings(found),
             "objective": {"name": found.objective.name, "below_rad_s": found.objective.below},
             "recommended": None if self.chosen is None else self.chosen.structure,
@@ -453,10 +487,17 @@ def control_lines(system: System) -> list[str]:
     return found
 
 
+def robot_gains(joint: str, robot: System) -> list[str]:
+    """Lines of `control` in a robot.yaml with other gains in one joint."""
+    return [f"{key}: {plain(value)}" for key, value in gains_section(joint, robot).items()]
+
+
 def unsure(found: Comparison) -> list[str]:
     """Notes on searches whose two best starts ended apart, and on a bound that was not found."""
     rows = [f"{name_of(row.structure)} {gap_text(row)}" for row in found.rows if row.gap > UNSURE]
     told = [f"the two best starts of a search ended apart, so a better design may be left: {listed(rows, most=6)}"] if rows else []
+    if not found.joint.is_single and any(row.where != "host" and row.holds for row in found.rows):
+        told.append("margins with kd in the drive of one joint are those of the search, without aliases: no loop of one rate has them")
     return told + ([f"no bound: {found.unbounded}"] if found.unbounded else [])
 
 
@@ -465,6 +506,12 @@ def not_asked(found: Comparison) -> list[str]:
     if found.bound is None or found.best_known is not None:
         return []
     return ["how near any linear controller is known to come to the bound: --best-known (pip install 'gainroom[compare]')"]
+
+
+def joint_facts(found: Comparison) -> dict[str, Any]:
+    """JSON of the joint of a robot: its name, the state in which it was tuned, and all that its ceilings were looked at in."""
+    states = [{"posture": posture, "contact": contact} for posture, contact in found.joint.states]
+    return {"name": found.joint.name, "state": states[0], "states": states}
 
 
 def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
@@ -491,6 +538,7 @@ def row_facts(found: Comparison, row: Row) -> dict[str, Any]:
         "gap": row.gap,
         "limited_by": [{"ceiling": one.ceiling, "share": one.share, "at": one.at} for one in row.limited_by],
         "fragile": None if row.fragile is None else _fragile_facts(row),
+        "robot_holds": None if found.joint.is_single else row.robot is not None,
     }
 
 

@@ -1,7 +1,8 @@
 """Controllers of one joint compared at equal robustness: what another structure, another sensor, or kd in the drive buys it.
 
 Every structure is tuned under the same ceilings at every corner of the joint's box: sensitivity, delay reserve and torque noise, by default
-the noise that the best PD makes. Its winner is proved by the margins of its loop, at every corner and at samples inside.
+the noise that the best PD makes. Its winner is proved by the margins of its loop, at every corner and at samples inside. A joint of a robot
+is compared with all other joints closed by the gains of the file, in the state where its link is softest, and looked at in all others.
 """
 
 import math
@@ -11,35 +12,32 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.margin_record import Margins, worst_of
+from ..analysis.dynamic_stiffness import stiffness_of
+from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..analysis.margins import margins
+from ..analysis.stability import is_stable
 from ..design.comparison.best_known import BestKnown, best_known as searched_freely, require_solver
 from ..design.comparison.bound import box_bound
-from ..design.comparison.catalogue import USUAL, starts_from, structure_of
+from ..design.comparison.catalogue import OF_ROBOTS, USUAL, starts_from, structure_of
 from ..design.comparison.ceilings import Ceilings
 from ..design.comparison.certificate import Certificate
 from ..design.comparison.closed_loop import Corners, curves
+from ..design.comparison.compared_joint import ComparedJoint, Spot, joint_index, require_comparable
 from ..design.comparison.exact_joint import ExactJoint
-from ..design.comparison.joint_responses import parts_of, quadrature
+from ..design.comparison.joint_responses import quadrature
 from ..design.comparison.objective import Objective
-from ..design.comparison.structure_search import (
-    FINE,
-    Found,
-    Problem,
-    boxed,
-    corner_places,
-    held_harder,
-    require_comparable,
-    sample_places,
-    searched,
-)
+from ..design.comparison.opened_loop import opened_loop
+from ..design.comparison.robot_controllers import robot_with
+from ..design.comparison.structure_search import FINE, Found, Problem, held_harder, searched
 from ..design.comparison.structures import Structure
 from ..design.parallel import in_parallel
 from ..errors import GainroomError, digits
+from ..system.elastic_joint import ElasticJoint
 from ..system.gain_path import GainPath
+from ..system.linear.arrays import Floats
+from ..system.loop import Loop
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from ..system.uncertainty import NOMINAL, Place
 from .progress import Progress, quiet
 from .study_record import StudyRecord
 
@@ -57,10 +55,10 @@ TIGHTENED = 4
 """Searches with a tighter sensitivity where that of the exact loop is above that of the search."""
 REACHED = 0.998
 """Share of a ceiling from which on a design is limited by it: a search stays 2e-4 below, and ends within a thousandth of what it seeks."""
+ALIKE = 1e-6
+"""Relative difference of the stiffness of joints that mirror each other: the first of them is taken."""
 SENSITIVITY = 1e-6
 """Relative excess of a peak over its ceiling that counts as round-off."""
-FRAGILE_STIFFNESS, FRAGILE_LOAD, FRAGILE_DELAY = (0.8, 1.0, 1.2), (0.5, 1.0, 1.5), (0.0, 5e-4)
-"""Factors and extra delays [s] of the joints on which a design tuned at nominal is tried."""
 
 
 @dataclass(frozen=True)
@@ -119,9 +117,10 @@ class Row:
     """One structure.
 
     structure     key, such as pd+biquad
-    controller    System with the controller found, which joint, simulate and export take; None where none was found
+    controller    System with the controller found, which joint, simulate and export take; None where none was found. Of a robot's joint it
+                  is that of the joint alone, with the law that it would have
     parameters    by name, SI
-    objective, worst, worst_at   at the nominal values, the largest over the box's corners, and where
+    objective, worst, worst_at   at the nominal values, the largest over the box's corners, of a robot in all states, and where
     margins, worst_margins       at the nominal values, and of each margin the least over corners and samples
     proved        number of places whose margins were worked out
     delay_reserve [s] the least over the corners: any delay up to it may be added, by the disk of the complementary sensitivity
@@ -132,6 +131,7 @@ class Row:
     fragile       of the same structure tuned at nominal; None where that was not tried
     broken        what breaks the box; "" where the design holds
     limited_by    ceilings that it reaches, the tightest first; () where it reaches none
+    robot         System of the robot with the controller in that joint; None of a single joint, and where a robot.yaml cannot hold it
     """
 
     structure: str
@@ -151,6 +151,7 @@ class Row:
     fragile: Fragile | None
     broken: str = ""
     limited_by: tuple[Binding, ...] = ()
+    robot: System | None = None
 
     @property
     def holds(self) -> bool:
@@ -167,7 +168,8 @@ class Comparison(StudyRecord):
     certificate  of the bound, at the place of the box that makes it, `bound_at` in words; None without one
     best_known   best controller of any structure that was found at the place of the bound, for that place alone; None: not asked for
     unbounded    why no bound, or no best controller, was found where one was asked for; "" otherwise
-    system       with the box; ceilings and objective that held for every row
+    system       the joint with its box: of a robot alone, as ComparedJoint has it; ceilings and objective that held for every row
+    joint        what was compared
     """
 
     rows: tuple[Row, ...]
@@ -179,6 +181,7 @@ class Comparison(StudyRecord):
     unbounded: str = ""
     bound_at: str = ""
     best_known: BestKnown | None = None
+    joint: ComparedJoint = field(kw_only=True)
 
     def row(self, structure: str) -> Row:
         """Row of one structure. Raises GainroomError where there is none."""
@@ -209,6 +212,7 @@ def compare(
     system: System,
     structures: Sequence[Any] | None = None,
     *,
+    joint: str | ComparedJoint | None = None,
     settings: ComparisonSettings | None = None,
     nominal: bool = True,
     bound: bool = True,
@@ -217,38 +221,38 @@ def compare(
 ) -> Comparison:
     """Structures of a controller of one joint, each tuned under the same ceilings over the joint's box.
 
-    system      of one joint, with a rate; its own gains do not matter
+    system      with a rate: one joint, whose own gains do not matter, or a robot, whose gains close the loops of all other joints
+    joint       name of a robot's joint, or what compared_joint made of it; None: the softest
     structures  keys (pd, pid, pd+biquad, split, torque_feedback, …) or mappings such as {"pd": {"biquads": 1}}; None: those of the settings
     settings    None: those of the system's file, else the usual ones
     bound       True: also what no linear controller comes below, for the objective dynamic_stiffness
     best_known  True: also the best controller of any structure that a cone programme finds at the place of the bound; needs clarabel
     nominal     True: each structure is also tuned at the nominal values alone, to tell how fragile that is
 
-    Raises GainroomError for several joints, without a rate, for structures and sensors that are not known, and for a best known
-    controller without a bound or without clarabel.
+    Raises GainroomError without a rate, for joints, structures and sensors that are not known, and for a best known controller without a
+    bound or without clarabel.
     """
-    require_comparable(system)
     if best_known:
         require_solver()
-    chosen = settings or ComparisonSettings()
-    boxes = boxed(system)
-    wanted = _wanted(boxes, chosen, structures)
+    chosen, one = settings or ComparisonSettings(), joint if isinstance(joint, ComparedJoint) else compared_joint(system, joint)
+    boxes = one.alone
+    wanted = _wanted(one, chosen, structures)
     path = chosen.path or usual_path(boxes)
-    problem = Problem(boxes, _ceilings(boxes, chosen), chosen.objective, path)
+    problem = Problem(one, _ceilings(boxes, chosen), chosen.objective, path)
     bounded = bound and problem.objective == Objective()
     if best_known and not bounded:
         raise GainroomError("the best known controller stands beside the bound: it needs that, and the objective dynamic_stiffness")
     steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded + best_known)
     plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
     steps.tell("pd, whose noise is the ceiling of the torque noise")
-    pd = {box: searched(problem, plain, (), None if box else [NOMINAL], steps.checkpoint) for box in (True, False)}
+    pd = {box: searched(problem, plain, (), None if box else [Spot()], steps.checkpoint) for box in (True, False)}
     if problem.ceilings.torque_noise is None and plain.position in problem.ceilings.sensor_noise and (made := _noises(problem, pd)):
         problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=max(made)))
     rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], plain, pd, nominal, steps)
-    found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective)
+    found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective, joint=one)
     if bounded:
         steps.tell("what no linear controller can beat")
-        found = _bounded(found, steps)
+        found = _bounded(found, plain, pd[True], steps)
     if best_known and found.certificate is not None:
         steps.tell("the best known controller")
         found = _with_best_known(found, found.certificate)
@@ -256,22 +260,61 @@ def compare(
     return found
 
 
-def _bounded(found: Comparison, steps: "_Steps") -> Comparison:
-    """`found` with the largest of the bounds of the box's corners: one controller for all of them is one for each."""
-    system, ceilings, sensor = found.system, found.ceilings, _position(found.system)
+def compared_joint(system: System, joint: str | None = None) -> ComparedJoint:
+    """Joint to compare, in the state where it is softest; `joint` None: of a robot the softest. Raises GainroomError."""
+    if isinstance(system.source, ElasticJoint):
+        require_comparable(system)
+        if joint is not None:
+            raise GainroomError(f"joint {joint!r}: names one of a robot's joints, and this is a single joint")
+        return ComparedJoint.of(system)
+    require_comparable(system, [] if joint is None else [joint_index(system, joint)])
+    soft = link_stiffness(system)
+    if joint is None:
+        turning = np.where(system.source.prismatic, math.inf, soft.min(axis=0))
+        index = int(np.argmax(turning <= (1 + ALIKE) * turning.min()))
+        require_comparable(system, [index])
+    else:
+        index = joint_index(system, joint)
+    own = soft[:, index]
+    if not np.any(np.isfinite(own)):
+        raise GainroomError(f"joint {system.source.joint_names[index]!r}: no load moves its link in any state")
+    order = np.argsort(np.where(np.isfinite(own), own / own.min() if own.min() > 0 else own, math.inf).round(6), kind="stable")
+    return ComparedJoint.of(system, index, [system.source.states[k] for k in order.tolist()])
 
-    def joint(place: Place) -> ExactJoint:
-        return ExactJoint.of(parts_of(system.at(place)))
 
-    places = corner_places(system)
-    joints = [joint(place) for place in places]
+def link_stiffness(system: System) -> Floats:
+    """Dynamic stiffness [N m/rad] of every joint's link (states, n) with the gains of the file; 0 in states where these are unstable."""
+    found = []
+    for state in system.source.states:
+        loop = system.loop(system.source.linearize(*state))
+        found.append(stiffness_of(loop, True).stiffness if is_stable(loop) else np.zeros(loop.size))
+    return np.array(found)
+
+
+def _bounded(found: Comparison, plain: Structure, pd: Found | None, steps: "_Steps") -> Comparison:
+    """`found` with the largest of the bounds of the box's corners: one controller for all of them is one for each.
+
+    A joint of a robot is held by the best PD, the controller `pd` of the structure `plain`.
+    """
+    ceilings, sensor, compared = found.ceilings, _position(found.system), found.joint
+
+    if not compared.is_single and pd is None:
+        return replace(found, unbounded="no PD was found that holds the joint at every corner of the box")
+    gains = plain.by_field(pd.x) if pd is not None else {}
+    held = None if compared.is_single else (gains["kp"], gains["kd"])
+
+    def joint(spot: Spot) -> ExactJoint:
+        return ExactJoint.of(compared.opened(spot).parts, compared.index, held)
+
+    spots = list(dict.fromkeys([*compared.softest, *([] if pd is None else [pd.at])]))
+    joints = [joint(spot) for spot in spots]
     try:
         best = box_bound(joints, ceilings, sensor, steps.checkpoint)
     except GainroomError as error:
         return replace(found, unbounded=str(error))
     proved = best.certificate.joint.state_space.a
-    where = next(place for place, one in zip(places, joints, strict=True) if np.array_equal(one.state_space.a, proved))
-    return replace(found, bound=best.value, certificate=best.certificate, bound_at=_where(system, where))
+    where = next(spot for spot, one in zip(spots, joints, strict=True) if np.array_equal(one.state_space.a, proved))
+    return replace(found, bound=best.value, certificate=best.certificate, bound_at=compared.where(where))
 
 
 def _with_best_known(found: Comparison, certificate: Certificate) -> Comparison:
@@ -298,13 +341,14 @@ class _Steps:
         self._progress(max(self._done, 0), self._total, self._what)
 
 
-def _wanted(system: System, settings: ComparisonSettings, structures: Sequence[Any] | None) -> list[Structure]:
+def _wanted(joint: ComparedJoint, settings: ComparisonSettings, structures: Sequence[Any] | None) -> list[Structure]:
     """Structures asked for, each once. Raises GainroomError for one whose sensor is not known."""
+    system = joint.alone
     entries = tuple(structures if structures is not None else settings.structures)
     position, sensors = _position(system), {_position(system), *settings.sensor_noise}
     elastic = math.isfinite(system.source.stiffness)
     found: dict[str, Structure] = {}
-    for entry in entries or USUAL:
+    for entry in entries or (USUAL if joint.is_single else OF_ROBOTS):
         one = structure_of(entry, position)
         missing = [sensor for sensor in one.sensors if sensor not in sensors]
         if not entries and (missing or (one.torque and not elastic)):
@@ -356,7 +400,7 @@ def _rows(
         kinds = [(one, box) for one in ready for box in ((True, False) if nominal else (True,)) if one.key not in known[box]]
         jobs = [
             lambda checkpoint, one=one, box=box: searched(
-                problem, one, _starts(one, known[box]), None if box else [NOMINAL], progress=checkpoint
+                problem, one, _starts(one, known[box]), None if box else [Spot()], progress=checkpoint
             )
             for one, box in kinds
         ]
@@ -390,18 +434,18 @@ def _starts(structure: Structure, known: Mapping[str, tuple[Structure, Found | N
 
 def _noises(problem: Problem, pd: Mapping[bool, Found | None]) -> list[float]:
     """Torque noise of the best PD in the box, and of that tuned at the nominal values, there [N m]."""
-    places = {True: corner_places(problem.system), False: [NOMINAL]}
-    return [_noise(problem, found, places[box]) for box, found in pd.items() if found is not None]
+    spots = {True: problem.joint.corners, False: [Spot()]}
+    return [_noise(problem, found, spots[box]) for box, found in pd.items() if found is not None]
 
 
-def _noise(problem: Problem, found: Found, places: Sequence[Place]) -> float:
-    """Largest rms torque command at `places` [N m]; NaN where the noise of a sensor is not known."""
+def _noise(problem: Problem, found: Found, spots: Sequence[Spot]) -> float:
+    """Largest rms torque command at `spots` [N m]; NaN where the noise of a sensor is not known."""
     if any(sensor not in problem.ceilings.sensor_noise for sensor in found.structure.sensors):
         return math.nan
     ceilings = replace(problem.ceilings, torque_noise=1.0)
     largest = 0.0
-    for place in places:
-        joint = problem.joint(found.structure, place)
+    for spot in spots:
+        joint = problem.spot(found.structure, spot)
         responses = joint.at(joint.grid(FINE))
         density = curves(found.structure, found.x[None], joint, responses, ceilings).noise
         assert density is not None
@@ -410,9 +454,25 @@ def _noise(problem: Problem, found: Found, places: Sequence[Place]) -> float:
 
 
 def _reserve(problem: Problem, found: Found) -> float:
-    """Least delay reserve over the corners [s]; NaN where it is not known, as of kd in a drive without delay."""
-    systems = (found.structure.system(found.x, problem.system.at(place), problem.path) for place in corner_places(problem.system))
-    return float(np.min([REQUIREMENTS["delay_reserve"].measured_once(system.loop()) for system in systems]))
+    """Least delay reserve over the corners [s]; NaN where it is not known, as of kd in a drive without delay.
+
+    In a robot it is the largest τ with Σ|L_p S||1 − e^(−jωτ_p)| ≤ 1 for the one joint, τ_p in the ratio of the reserves.
+    """
+    if problem.joint.is_single:
+        loops = (_loop(problem, found, spot) for spot in problem.joint.corners)
+        return float(np.min([REQUIREMENTS["delay_reserve"].measured_once(loop) for loop in loops]))
+    least = math.inf
+    for spot in problem.joint.corners:
+        joint = problem.spot(found.structure, spot)
+        omega = joint.grid(FINE)
+        responses, low, high = joint.at(omega), 0.0, 64.0
+        for _ in range(40):
+            middle = (low + high) / 2
+            later = replace(joint, reserves={path: middle * one for path, one in joint.reserves.items()})
+            kept = curves(found.structure, found.x[None], later, responses, problem.ceilings).delay.max() <= 1
+            low, high = (middle, high) if kept else (low, middle)
+        least = min(least, low * problem.ceilings.delay_reserve)
+    return least
 
 
 def _row(problem: Problem, structure: Structure, found: Found | None, alone: Found | None, checkpoint: Callable[[], None]) -> Row:
@@ -422,33 +482,34 @@ def _row(problem: Problem, structure: Structure, found: Found | None, alone: Fou
         broken = "no parameters were found that are stable at every corner of the box"
         return Row(structure.key, None, {}, *nothing, structure.sensors, structure.where, math.nan, None, broken)
     found, proof = _proved(problem, found, checkpoint)
-    system = structure.system(found.x, problem.system, problem.path)
+    system = structure.system(found.x, problem.joint.alone, problem.path)
     return Row(
         structure.key,
         system,
         structure.by_field(found.x),
         found.objective,
         found.worst,
-        _text(problem.system, found.at),
+        problem.joint.text(found.at),
         proof.nominal,
         proof.worst,
         proof.count,
         _reserve(problem, found),
-        _noise(problem, found, corner_places(problem.system)),
+        _noise(problem, found, problem.joint.corners),
         structure.sensors,
         structure.where,
         round(math.expm1(found.gap), GAP_DIGITS),
         None if alone is None else _fragile(problem, alone, found.worst),
         proof.broken,
         _limited_by(problem, found),
+        robot_with(problem.joint, system),
     )
 
 
 def _limited_by(problem: Problem, found: Found) -> tuple[Binding, ...]:
     """Ceilings that a design reaches somewhere in the box, the tightest first, each where it takes most of it."""
     worst: dict[str, Binding] = {}
-    for place in found.places:
-        joint = problem.joint(found.structure, place)
+    for spot in found.spots:
+        joint = problem.spot(found.structure, spot)
         responses = joint.at(joint.grid(FINE))
         one = curves(found.structure, found.x[None], joint, responses, problem.ceilings)
         shares = {"peak_sensitivity": float(one.sensitivity.max()), "delay_reserve": float(one.delay.max())}
@@ -456,7 +517,7 @@ def _limited_by(problem: Problem, found: Found) -> tuple[Binding, ...]:
             shares["torque_noise"] = math.sqrt(float(one.noise[0] @ quadrature(responses.omega)))
         for ceiling, share in shares.items():
             if share >= REACHED and (ceiling not in worst or share > worst[ceiling].share):
-                worst[ceiling] = Binding(ceiling, share, _where(problem.system, place))
+                worst[ceiling] = Binding(ceiling, share, problem.joint.where(spot))
     return tuple(sorted(worst.values(), key=lambda one: -one.share))
 
 
@@ -485,53 +546,66 @@ def _proved(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> t
 
 
 def _proof(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> _Proof:
-    places = list(dict.fromkeys([*corner_places(problem.system), *found.places]))
+    joint, limit = problem.joint, problem.ceilings.peak_sensitivity
+    spots = list(dict.fromkeys([*joint.corners, *found.spots]))
     if not found.structure.in_drive:
-        places += sample_places(problem.system)
+        spots += [spot for spot in joint.proved if spot not in spots]
+    elif not joint.is_single:
+        return _seen(problem, found, spots)
     every = []
-    for place in places:
+    for spot in spots:
         checkpoint()
-        system = problem.system.at(place)
-        every.append(margins(found.structure.system(found.x, system, problem.path).loop()))
+        every.append(margins(_loop(problem, found, spot)))
         if not every[-1].stable:
-            return _Proof(every[0], every[-1], len(every), f"unstable at {_where(problem.system, place)}")
-    worst, limit = worst_of(every), problem.ceilings.peak_sensitivity
+            return _Proof(every[0], every[-1], len(every), f"unstable at {joint.where(spot)}")
+    worst = worst_of(every)
     peaks = [one.peak_sensitivity for one in every]
-    if found.broken is not None:
-        much = digits(100 * math.expm1(max(found.excess, 0.0)), "%", 3)
-        broken = f"a ceiling is exceeded by {much} at {_where(problem.system, found.broken)}"
+    if broken := _exceeded(problem, found):
         return _Proof(every[0], worst, len(every), broken)
     highest = int(np.argmax(peaks))
     over = peaks[highest] > limit * (1 + SENSITIVITY)
-    broken = f"Ms {peaks[highest]:.4g} at {_where(problem.system, places[highest])}" if over else ""
+    broken = f"Ms {peaks[highest]:.4g} at {joint.where(spots[highest])}" if over else ""
     return _Proof(every[0], worst, len(every), broken)
 
 
-def _text(system: System, place: Place) -> str:
-    """Place in the box in words; "" at the nominal values."""
-    return next(case.place for case in [system.case_at(place, *system.source.states[0])])
+def _exceeded(problem: Problem, found: Found) -> str:
+    """What breaks the box in the search's own eyes; "" where nothing does."""
+    if found.broken is None:
+        return ""
+    if math.isinf(found.excess):
+        return f"unstable at {problem.joint.where(found.broken)}"
+    much = digits(100 * math.expm1(max(found.excess, 0.0)), "%", 3)
+    return f"a ceiling is exceeded by {much} at {problem.joint.where(found.broken)}"
 
 
-def _where(system: System, place: Place) -> str:
-    return _text(system, place) or "the nominal values"
+def _seen(problem: Problem, found: Found, spots: Sequence[Spot]) -> _Proof:
+    """Peak sensitivity of a law of two rates in a robot, as the search sees it: no loop of one rate has its margins."""
+
+    def seen(spot: Spot) -> Margins:
+        joint = problem.spot(found.structure, spot)
+        ratio = curves(found.structure, found.x[None], joint, joint.at(joint.grid(FINE)), problem.ceilings).sensitivity.max()
+        return replace(Margins.unknown(GainLimit.unknown(1)), peak_sensitivity=problem.ceilings.peak_sensitivity * float(ratio))
+
+    every = [seen(spot) for spot in spots]
+    return _Proof(every[0], worst_of(every), 0, _exceeded(problem, found))
+
+
+def _loop(problem: Problem, found: Found, spot: Spot) -> Loop:
+    """Loop of a winner at a spot: that of the joint, of a robot with the other joints' loops closed."""
+    structure, joint = found.structure, problem.joint
+    if joint.is_single:
+        return structure.system(found.x, joint.system.at(spot.place), problem.path).loop()
+    return opened_loop(joint.opened(spot), structure.system(found.x, joint.alone, problem.path))
 
 
 def _fragile(problem: Problem, found: Found, worst: float) -> Fragile:
     """Fate on perturbed joints of parameters tuned at the nominal values; `worst`: largest objective of those tuned in the box."""
-    joint, delay = problem.system.source, problem.system.delay
-    changed = [
-        {"stiffness": stiffness * joint.stiffness, "link_inertia": load * joint.link_inertia, "delay": delay + more}
-        for stiffness in FRAGILE_STIFFNESS
-        for load in FRAGILE_LOAD
-        for more in FRAGILE_DELAY
-    ]
+    changed = problem.joint.perturbed()
     unstable = 0
-    for values in changed:
-        system = problem.system.with_values(**values)
-        one = problem.joint_of(found.structure, system)
-        corners = Corners(found.structure, [one], problem.ceilings, problem.objective, FINE)
+    for opened in changed:
+        corners = Corners(found.structure, [problem.at(found.structure, opened)], problem.ceilings, problem.objective, FINE)
         unstable += int(not corners.all(found.x[None]).stable[0])
-    there = problem.corners(found.structure, corner_places(problem.system), FINE).all(found.x[None])
+    there = problem.corners(found.structure, problem.joint.corners, FINE).all(found.x[None])
     reached = math.exp(float(there.objective[0])) if there.stable[0] else math.inf
     fragile = unstable > 0 or reached > FAR_OFF * worst
     return Fragile(found.objective, unstable, len(changed), reached, fragile, found.structure.by_field(found.x))

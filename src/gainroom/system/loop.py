@@ -24,6 +24,7 @@ from .linear.arrays import Booleans, Complexes, Floats, Integers, are_diagonal
 from .linear.lti import factored_from, is_lti
 from .linear.state_space import StateSpace, hold, realize, split_delay
 from .linear.transfer_function import Factored, ratio
+from .linear.triangular import TriangularForm
 from .measured_response import Sensed, measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .mode_functions import mode_functions
 from .modes import Corners
@@ -47,7 +48,7 @@ class Loop:
     actuated      from torque command to measured position, P C e^{−sT}; n = 1 only
     control       D; n = 1 only
     delays        (n,) [s] of the channels, not contained in open_loop
-    given         state space of a loop that was not built from parts
+    given         state space of a loop that was not built from parts, strictly proper where that alone is known of it
     function      callable L(s), for loops given so
     unstable_poles   number of unstable poles of L; poles on the stability boundary are not counted
     parts         components that build_loop joined; None for other loops
@@ -96,6 +97,16 @@ class Loop:
         if self.actuated is None or self.control is None:
             return None
         return (self.actuated * self.control).scaled(self.gain)
+
+    @property
+    def is_given(self) -> bool:
+        """True if a scalar loop is known by a sampled state space alone, whose zeros many states do not let be found."""
+        return self.given is not None and self.actuated is None
+
+    @cached_property
+    def _given_form(self) -> TriangularForm:
+        assert self.given is not None
+        return TriangularForm.of(self.given)
 
     @property
     def kd_path(self) -> GainPath | None:
@@ -149,6 +160,8 @@ class Loop:
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         if self.scalar is not None:
             return self.scalar.at(points)
+        if self.is_given:
+            return self.gain * self._given_form.at(self.variable(points))[:, 0, 0]
         if self.function is not None:
             return self.gain * np.exp(-points * self._delays[0]) * _called(self.function, points)
         assert self.parts is not None

@@ -21,7 +21,7 @@ import numpy as np
 from ...errors import GainroomError
 from ...system.linear.arrays import Complexes, Floats, Integers
 from .ceilings import Ceilings
-from .closed_maps import AffineMap, ClosedMaps, Stabilised
+from .closed_maps import AffineMap, ClosedMaps, stabilised
 from .exact_joint import ExactJoint
 
 FUNCTIONS = 80  # per sensor
@@ -96,7 +96,7 @@ class _Programme:
     def of(cls, joint: ExactJoint, ceilings: Ceilings, sensors: tuple[str, ...]) -> "_Programme":
         angles = math.pi * (np.arange(POINTS) + 0.5) / POINTS
         omega = angles / joint.sample_time
-        maps = Stabilised.of(joint, sensors).halves(POINTS)
+        maps = stabilised(joint, sensors).halves(POINTS)
         unit = float(np.abs(maps.compliance.fixed).max())
         share = ceilings.delay_weight(omega)
         peaks = (

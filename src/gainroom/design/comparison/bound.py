@@ -10,7 +10,7 @@ from ...system.linear.arrays import Floats
 from ..parallel import in_parallel
 from .ceilings import Ceilings
 from .certificate import AGREEMENT, Certificate
-from .closed_maps import Stabilised
+from .closed_maps import stabilised
 from .dual_grid import DualGrid, least_squares
 from .exact_joint import ExactJoint
 
@@ -42,12 +42,12 @@ def lower_bound(joint: ExactJoint, ceilings: Ceilings, sensor: str = "motor", st
     Raises GainroomError where the sensor sees too little to stabilise the joint, and where the weights' values do not agree.
     """
     half_rate = math.pi / joint.sample_time
-    points = 2 ** max(13, math.ceil(math.log2(half_rate / STEP)))
+    held = stabilised(joint, (sensor,))
+    points = 2 ** max(13, math.ceil(math.log2(half_rate / STEP)), math.ceil(math.log2(held.ticks)))
     narrowest = 4 * half_rate / points
-    stabilised = Stabilised.of(joint, (sensor,))
     most = points << DOUBLINGS
     while True:
-        grid = DualGrid.of(stabilised, joint, ceilings, sensor, _knots(half_rate, narrowest), points)
+        grid = DualGrid.of(held, joint, ceilings, sensor, _knots(half_rate, narrowest), points)
         frequency, table, noise_weight = _ascended(grid, narrowest, steps)
         unclaimed = Certificate(joint, ceilings, sensor, frequency, _short(table), float(_short(np.array(noise_weight))), points, 0.0)
         if unclaimed.agreement <= AGREEMENT or points == most:

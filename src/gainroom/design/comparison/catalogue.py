@@ -15,6 +15,8 @@ NAMES = ("pd", "pid", "ppi", "dob", "split", "torque_feedback", "observer")
 MOST_BIQUADS = 3
 USUAL = ("pd", "pid", "pd+biquad", "dob", "observer", "split", "torque_feedback")
 """Structures that are compared where none are named, as far as the sensors are known."""
+OF_ROBOTS = ("pd", "pid", "pd+biquad", "split")
+"""Those that are compared on a joint of a robot."""
 OPTION = re.compile(r"(?:(\d+)\s*)?biquads?")
 
 

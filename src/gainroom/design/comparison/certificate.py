@@ -13,7 +13,7 @@ from ...errors import GainroomError
 from ...system.linear.arrays import Floats
 from ...system.linear.state_space import StateSpace
 from .ceilings import Ceilings
-from .closed_maps import Stabilised
+from .closed_maps import stabilised
 from .dual_grid import APART, DualGrid
 from .exact_joint import SENSORS, ExactJoint
 
@@ -58,10 +58,10 @@ class Certificate:
     @cached_property
     def values(self) -> tuple[float, float]:
         """Bounds [rad/(N m)] as computed on a grid of `points` and on the doubled one."""
-        stabilised = Stabilised.of(self.joint, (self.sensor,))
+        held = stabilised(self.joint, (self.sensor,))
 
         def bound(points: int) -> float:
-            grid = DualGrid.of(stabilised, self.joint, self.ceilings, self.sensor, self.frequency, points)
+            grid = DualGrid.of(held, self.joint, self.ceilings, self.sensor, self.frequency, points)
             with np.errstate(all="ignore"):  # weights that somebody else wrote may overflow: such values do not agree
                 return grid.bound(self.weights, self.noise_weight)
 
@@ -88,12 +88,13 @@ class Certificate:
         space = self.joint.state_space
         rows = {name: space.c[SENSORS.index(name)].tolist() for name in dict.fromkeys(("link", self.sensor))}
         noise = self.ceilings.torque_noise
+        held = {} if self.joint.held is None else {"held": list(self.joint.held)}
         return json.dumps(
             {
                 "format": FORMAT,
                 "value": self.value,
                 "sensor": self.sensor,
-                "joint": {"sample_time": self.joint.sample_time, "a": space.a.tolist(), "b": space.b.tolist(), "c": rows},
+                "joint": {"sample_time": self.joint.sample_time, "a": space.a.tolist(), "b": space.b.tolist(), "c": rows, **held},
                 "ceilings": {
                     "delay_reserve": self.ceilings.delay_reserve,
                     "peak_sensitivity": self.ceilings.peak_sensitivity,
@@ -124,7 +125,8 @@ class Certificate:
             raise GainroomError(f"certificate: {sensor!r} is no sensor; there are {', '.join(SENSORS)}")
         if type(points) is not int or not 2**10 <= points <= 2**20:
             raise GainroomError(f"certificate: points {points!r} must be a whole number from 2^10 to 2^20")
-        joint = _members(found["joint"], "joint", ("sample_time", "a", "b", "c"))
+        named = isinstance(found["joint"], dict) and "held" in found["joint"]
+        joint = _members(found["joint"], "joint", ("sample_time", "a", "b", "c", *(("held",) if named else ())))
         rows = _members(joint["c"], "c", tuple(dict.fromkeys(("link", sensor))))
         a = _numbers(joint["a"], "a", None)
         size = len(a)
@@ -151,7 +153,11 @@ class Certificate:
         if sample_time <= 0 or frequency.ndim != 1:
             raise GainroomError("certificate: sample_time must be > 0, and frequency a list of numbers")
         noise_weight, value = _number(found["noise_weight"], "noise_weight"), _number(found["value"], "value")
-        return cls(ExactJoint(space, sample_time), ceilings, sensor, frequency, table, noise_weight, points, value)
+        held = None
+        if named:
+            kp, kd = _numbers(joint["held"], "held", (2,)).tolist()
+            held = (kp, kd)
+        return cls(ExactJoint(space, sample_time, held), ceilings, sensor, frequency, table, noise_weight, points, value)
 
 
 def _members(given: Any, what: str, names: Sequence[str]) -> Mapping[str, Any]:

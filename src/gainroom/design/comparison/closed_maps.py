@@ -12,6 +12,12 @@ the loop broken at the torque command, the noise of sensor i in the torque, and 
     q/d = c_q R_F (b_d + b F R_E b_d) − c_q R_F b Q Ñ_d
 
 No term is a difference of large numbers near z = 1, as products of the open loop's responses are.
+
+A joint of a robot has a hundred states that it hardly moves or sees, and an observer's gains on them leave no digits. There the stable PD K
+that `held` names takes the place of observer and feedback, u = −K y + v, v = −Q (y − N v), which makes all controllers as well: with the
+responses of the loop that it closes, N from v to y, S₀ = 1 − K N, and those from the load,
+
+    S = S₀ − S₀ Q N,   T = K N + S₀ Q N,   u/n = −S₀ K − S₀ Q S₀,   q/d = q₀/d − (q₀/v) Q (y₀/d)
 """
 
 import math
@@ -21,6 +27,8 @@ import numpy as np
 
 from ...errors import GainroomError
 from ...system.linear.arrays import Complexes, Floats
+from ...system.linear.state_space import StateSpace
+from ...system.linear.triangular import TriangularForm
 from .exact_joint import COMMAND, LOAD, SENSORS, ExactJoint
 
 DECAY = 0.98
@@ -82,6 +90,11 @@ class Stabilised:
         forward = _impulses(held, b, np.vstack([feedback, link, c]))
         return cls(forward, _impulses(seen, np.hstack([b, gains]), np.vstack([feedback, c])))
 
+    @property
+    def ticks(self) -> int:
+        """Ticks until all has decayed: the fewest points of a grid."""
+        return max(len(self.forward), len(self.observed))
+
     def halves(self, points: int) -> ClosedMaps:
         """Maps at the angles π (k + ½)/points, k = 0 … points − 1: middles of equal parts of the upper half circle."""
         return self._maps(_on_halves(self.forward, points), _on_halves(self.observed, points))
@@ -97,6 +110,65 @@ class Stabilised:
         complementary = AffineMap((law * n).sum(axis=1), (innovation @ n[:, :, None])[:, :, 0])
         noise = tuple(AffineMap(m * law[:, i], m[:, None] * innovation[:, :, i]) for i in range(n.shape[1]))
         return ClosedMaps(compliance, sensitivity, complementary, noise)
+
+
+@dataclass(frozen=True)
+class HeldByPD:
+    """A joint held by its PD on one sensor.
+
+    form     the closed loop, from v and load torque to link, sensor, and what the PD makes of the sensor
+    gains    kp, kd; sample_time [s]; ticks until its slowest motion has decayed, but for 1e-3
+    """
+
+    form: TriangularForm
+    gains: tuple[float, float]
+    sample_time: float
+    ticks: int
+
+    @classmethod
+    def of(cls, joint: ExactJoint, sensor: str) -> "HeldByPD":
+        """Joint held by `joint.held` on `sensor`. Raises GainroomError where that does not stabilise it."""
+        assert joint.held is not None
+        space, step, (kp, kd) = joint.state_space, joint.sample_time, joint.held
+        seen, link = space.c[SENSORS.index(sensor)], space.c[LINK]
+        now, before, states = kp + kd / step, kd / step, len(space.a)
+        command = space.b[:, COMMAND]
+        a = np.block(
+            [[space.a - now * np.outer(command, seen), before * command[:, None]], [seen[None] / step, np.full((1, 1), -1 / step)]]
+        )
+        b = np.vstack([space.b, np.zeros((1, space.b.shape[1]))])
+        c = np.zeros((3, states + 1))
+        c[0, :states], c[1, :states], c[2, :states], c[2, states] = link, seen, now * seen, -before
+        slowest = float(np.abs(1 + step * np.linalg.eigvals(a)).max())
+        if not slowest < 1:
+            raise GainroomError(f"the joint is not stabilised by kp {kp:g} and kd {kd:g} on {sensor}")
+        ticks = math.ceil(math.log(1e-3) / (2 * math.log(slowest)))
+        return cls(TriangularForm.of(StateSpace(a, b, c, np.zeros((3, 2)))), joint.held, step, ticks)
+
+    def halves(self, points: int) -> ClosedMaps:
+        """Maps as Stabilised has them."""
+        step, (kp, kd) = self.sample_time, self.gains
+        angles = math.pi * (np.arange(points) + 0.5) / points
+        found = self.form.at(np.expm1(1j * angles) / step)
+        law = kp - kd * np.expm1(-1j * angles) / step
+        (link, link_load), (seen, seen_load) = found[:, 0].T, found[:, 1].T
+        answered = found[:, 2, COMMAND]
+        sensitivity = 1 - answered
+
+        def affine(fixed: Complexes, free: Complexes) -> AffineMap:
+            return AffineMap(fixed, free[:, None])
+
+        return ClosedMaps(
+            affine(link_load, -link * seen_load),
+            affine(sensitivity, -sensitivity * seen),
+            affine(answered, sensitivity * seen),
+            (affine(sensitivity * law, sensitivity**2),),
+        )
+
+
+def stabilised(joint: ExactJoint, sensors: tuple[str, ...]) -> "Stabilised | HeldByPD":
+    """Joint held on `sensors`: on one by the PD that it names, else by an observer. Raises GainroomError where it cannot be stabilised."""
+    return Stabilised.of(joint, sensors) if joint.held is None or len(sensors) > 1 else HeldByPD.of(joint, sensors[0])
 
 
 def _regulator(a: Floats, b: Floats, c: Floats) -> Floats:

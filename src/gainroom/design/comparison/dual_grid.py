@@ -26,7 +26,7 @@ import numpy as np
 
 from ...system.linear.arrays import Complexes, Floats, Integers
 from .ceilings import Ceilings
-from .closed_maps import Stabilised, cosines, later, sines
+from .closed_maps import HeldByPD, Stabilised, cosines, later, sines
 from .exact_joint import ExactJoint
 
 APART = 3.9
@@ -49,9 +49,11 @@ class DualGrid:
     frequency: Floats
 
     @classmethod
-    def of(cls, stabilised: Stabilised, joint: ExactJoint, ceilings: Ceilings, sensor: str, frequency: Floats, points: int) -> "DualGrid":
+    def of(
+        cls, held: Stabilised | HeldByPD, joint: ExactJoint, ceilings: Ceilings, sensor: str, frequency: Floats, points: int
+    ) -> "DualGrid":
         omega = math.pi * (np.arange(points) + 0.5) / points / joint.sample_time
-        maps, noise = stabilised.halves(points), ceilings.noise_of(sensor)
+        maps, noise = held.halves(points), ceilings.noise_of(sensor)
         scaled = [(maps.compliance, 1.0), (maps.sensitivity, 1 / ceilings.peak_sensitivity)]
         scaled += [(maps.complementary, ceilings.delay_weight(omega))] + ([] if noise is None else [(maps.noise[0], noise)])
         fixed, free = np.array([one.fixed * by for one, by in scaled]), np.array([one.free[:, 0] * by for one, by in scaled])

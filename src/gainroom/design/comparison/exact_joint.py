@@ -1,24 +1,25 @@
 """Exactly sampled responses of one joint, at every place where a sensor may be: motor position, link position, spring torque.
 
 The torque command goes through hold, delay and current loop; the load torque on the link is held over each tick. A controller of any
-structure closes on these responses, u = −Σ K_i y_i, with one return ratio L = Σ K_i G_i at the motor torque.
+structure closes on these responses, u = −Σ K_i y_i, with one return ratio L = Σ K_i G_i at the motor torque. Of a robot, the other joints'
+loops are closed by the laws of `parts`, so that G is what is left for this joint's controller; a single joint has no others.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import GainroomError
-from ...system.assembly import Parts, actuated_state
+from ...system.assembly import Parts, actuated_state, controller_state
 from ...system.linear.arrays import Complexes, Floats
 from ...system.linear.state_space import StateSpace, hold
-from ...system.measured_response import spring_torque
 
 SENSORS = ("motor", "link", "torque")
 """Outputs of an ExactJoint: motor position [rad], link position [rad], spring torque [N m]."""
 COMMAND, LOAD = 0, 1
 """Inputs of an ExactJoint: torque command [N m], load torque on the link [N m]."""
+OWN = 2
+"""Number of inputs of sensed_state that belong to the joint itself."""
 
 
 @dataclass(frozen=True)
@@ -26,29 +27,64 @@ class ExactJoint:
     """Sampled state space of one joint, in δ = (z − 1)/T_s: inputs COMMAND and LOAD, outputs SENSORS; delays are states.
 
     The spring torque is K (θ − q) + B (θ̇ − q̇). Of a rigid gearbox it is no state, and its output is NaN.
+
+    held    kp [N m/rad] and kd [N m s/rad] of a PD on the position that is measured, which is known to stabilise it; None: none is known
     """
 
     state_space: StateSpace
     sample_time: float
+    held: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, parts: Parts) -> "ExactJoint":
-        """Responses of the joint of `parts`. Raises GainroomError for several joints, and for a loop in continuous time."""
-        plant = parts.plant
-        if plant.size != 1:
-            raise GainroomError(f"a comparison is of one joint, not of {plant.size}")
+    def of(cls, parts: Parts, joint: int = 0, held: tuple[float, float] | None = None) -> "ExactJoint":
+        """Responses of a joint of `parts`, by its index. Raises GainroomError for a loop in continuous time."""
         if parts.sample_time is None:
             raise GainroomError("control.sample_rate_hz is missing: structures are compared as they run, sampled")
-        system = sensed_state(parts)
-        return cls(hold(system, np.array([parts.delays[0], 0.0]), parts.sample_time), parts.sample_time)
+        return cls(sampled_state(parts, joint, float(parts.delays[joint])), parts.sample_time, held)
 
     def at(self, omega: Floats) -> Complexes:
         """Responses (k, 3, 2) from inputs to outputs at omega [rad/s] (k,)."""
         return self.state_space.at(np.expm1(1j * omega * self.sample_time) / self.sample_time)
 
 
-def sensed_state(parts: Parts) -> StateSpace:
-    """Continuous state space of one joint from (torque into the current loop, load torque) to SENSORS, without delay."""
+def others_of(parts: Parts, joint: int) -> list[int]:
+    """Indices of the other joints, whose loops are closed."""
+    return [k for k in range(parts.plant.size) if k != joint]
+
+
+def sensed_state(parts: Parts, joint: int = 0) -> StateSpace:
+    """Continuous state space about one joint, without delay, all loops open.
+
+    Inputs: torque into its current loop, load torque on its link, then torques into the current loops of others_of. Outputs: SENSORS, then
+    the positions (n,) that the laws measure; of a single joint these are left out, as it has no others.
+    """
     plant, found = parts.plant, actuated_state(parts.plant, parts.drives)
-    spring = spring_torque(plant, found) if math.isfinite(plant.stiffness[0]) else np.full((1, len(found.a)), np.nan)
-    return StateSpace(found.a, found.b[:, [0, 2]], np.vstack([found.c[:2], spring]), np.zeros((3, 2)))
+    size, others = plant.size, others_of(parts, joint)
+    motor, link, motor_rate, link_rate = (found.c[k * size + joint] for k in range(4))
+    spring = np.full(len(found.a), np.nan)
+    if np.isfinite(plant.stiffness[joint]):
+        spring = plant.stiffness[joint] * (motor - link) + plant.damping[joint] * (motor_rate - link_rate)
+    rows = [motor, link, spring]
+    if others:
+        side = size if parts.feedback.position == "link" else 0
+        rows += [*found.c[side : side + size]]
+    b = found.b[:, [joint, 2 * size + joint, *others]]
+    return StateSpace(found.a, b, np.array(rows), np.zeros((len(rows), b.shape[1])))
+
+
+def sampled_state(parts: Parts, joint: int, delay: float) -> StateSpace:
+    """Sampled state space in δ from COMMAND, `delay` [s] late, and LOAD to SENSORS, the loops of all other joints closed."""
+    assert parts.sample_time is not None
+    others, step = others_of(parts, joint), parts.sample_time
+    held = hold(sensed_state(parts, joint), np.array([delay, 0.0, *parts.delays[others]]), step)
+    if not others:
+        return held
+    size = parts.plant.size
+    law = controller_state(parts.controller, size, step)
+    # Position gains and velocity's difference act on one measured position (n); only the outputs of the others close.
+    heard, through = law.b[:, :size] + law.b[:, size:], (law.d[:, :size] + law.d[:, size:])[others]
+    seen, pushed = held.c[len(SENSORS) :], held.b[:, OWN:]
+    a = np.block([[held.a - pushed @ through @ seen, -pushed @ law.c[others]], [heard @ seen, law.a]])
+    b = np.vstack([held.b[:, :OWN], np.zeros((len(law.a), OWN))])
+    c = np.hstack([held.c[: len(SENSORS)], np.zeros((len(SENSORS), len(law.a)))])
+    return StateSpace(a, b, c, np.zeros((len(SENSORS), OWN)))

@@ -7,7 +7,7 @@ import numpy as np
 from ...system.linear.arrays import Floats
 from .closed_loop import UNSTABLE, Corners
 
-PER_PARAMETER, LEAST, MOST = 8, 24, 64
+PER_PARAMETER, LEAST, MOST = 8, 64, 64
 """Members of the population per parameter, and their least and largest number."""
 CROSSED = 0.85  # share of coordinates that come from the mutant
 ALIKE = 2e-3  # spread of costs, in ln, at which a population ends

@@ -2,8 +2,9 @@
 
 A law runs on a path: "host", over the drive's delay at the loop's rate, or "drive", at a rate and delay of its own. With the host alone the
 responses are those of ExactJoint, exact at the samples. With both, two rates meet; here each path is then a hold and a delay in continuous
-time, e^(−sT) (1 − e^(−sT_s))/(s T_s), and aliases, of frequencies above half the slower rate, are left out: below that rate the error is
-that of what the current loop lets through there. What is found so is proved on the lifted loop (analysis/multirate.py).
+time, e^(−sT) (1 − e^(−sT_s))/(s T_s), that of the other joints' loops, too. Aliases, of frequencies above half the slower rate, are left
+out: below that rate the error is that of what the current loop lets through there. What is found so for a single joint is proved on the
+lifted loop (analysis/multirate.py).
 """
 
 import math
@@ -18,13 +19,23 @@ from ...system.controller import PD
 from ...system.feedback import feedback_of
 from ...system.gain_path import GainPath
 from ...system.linear.arrays import Complexes, Floats, Integers
-from ...system.linear.state_space import StateSpace, hold, split_delay
+from ...system.linear.state_space import StateSpace, split_delay
+from ...system.linear.triangular import TriangularForm
 from ...system.system import System
-from .exact_joint import COMMAND, LOAD, sensed_state
+from .exact_joint import COMMAND, LOAD, OWN, SENSORS, others_of, sampled_state, sensed_state
 
 HOST, DRIVE = "host", "drive"
 """Paths that a law may run on."""
 LOWEST = 2e-3  # of the slowest of antiresonance and the lag's inverse: there the return ratio is the position gain on the rigid joint
+BELOW = 0.1  # of the slowest pole that is no drift: closed loops turn but little below it
+DRIFT = 1e-3
+"""Rate [rad/s] of poles that are those of a joint free to turn, or of a robot free to float, and come out of round-off."""
+SHARP = 0.3
+"""Damping ratio below which a pole or a zero has frequencies about it."""
+ONE = 1e-3
+"""Relative distance up to which two of them are one."""
+FIRM = 1e3
+"""Return ratio, at half of half the rate, of a loop that holds a position firmly."""
 BUSY = 0.02
 """Share of the lag's inverse from which on loops close and filters act."""
 LIGHT = 0.1
@@ -32,11 +43,6 @@ LIGHT = 0.1
 SPACING = 0.05
 """Distance of frequencies, in ln, at density 1: a pole with a damping of 0.04 is seen."""
 BESIDE = np.geomspace(2e-3, 0.25, 8)  # relative distances from resonance and antiresonance that are sampled
-
-
-def parts_of(system: System) -> Parts:
-    """Parts of a joint's loop, whatever its gains."""
-    return Parts(system.source.linearize(), system.drives, PD(0.0, 0.0), feedback_of("motor", PD), system.control.sample_time)
 
 
 @dataclass(frozen=True)
@@ -71,39 +77,101 @@ class Turns:
     asked: float
 
 
+class Opened:
+    """One joint of `parts`, its loop open and those of all other joints closed by the laws of `parts`.
+
+    sampled   state space of sampled_state without whole ticks of the joint's own delay, of which there are `ticks`
+    """
+
+    def __init__(self, parts: Parts, joint: int = 0) -> None:
+        assert parts.sample_time is not None
+        self.parts, self.joint, self.sample_time = parts, joint, parts.sample_time
+        whole, fraction = split_delay(parts.delays[joint], parts.sample_time)
+        self.ticks, self._fraction = int(whole), float(fraction) * parts.sample_time
+
+    @cached_property
+    def sampled(self) -> StateSpace:
+        return sampled_state(self.parts, self.joint, self._fraction)
+
+    @cached_property
+    def response(self) -> TriangularForm:
+        """Sampled responses, from COMMAND without whole ticks and LOAD to SENSORS."""
+        return TriangularForm.of(self.sampled)
+
+    @cached_property
+    def in_time(self) -> TriangularForm:
+        """Responses in continuous time without delays, all loops open: see sensed_state."""
+        return TriangularForm.of(sensed_state(self.parts, self.joint))
+
+    @cached_property
+    def poles(self) -> Complexes:
+        """Poles in δ, the other loops closed."""
+        return np.linalg.eigvals(self.sampled.a).astype(complex)
+
+    @cached_property
+    def poles_in_time(self) -> Complexes:
+        """The same in s [1/s]; without delays, which have none."""
+        return _in_s(self.poles, self.sample_time)
+
+    @cached_property
+    def sharp(self) -> Floats:
+        """Frequencies [rad/s] of the poles with little damping, and of such zeros of the position that is measured."""
+        roots: Complexes = np.concatenate([self.poles_in_time, self._zeros_in_time])
+        size = np.abs(roots)
+        kept = (roots.imag > 0) & (np.abs(roots.real) < SHARP * size) & (size > DRIFT) & (size < math.pi / self.sample_time)
+        found = np.sort(size[kept])
+        return found[np.append(True, found[1:] > (1 + ONE) * found[:-1])] if len(found) else found
+
+    @property
+    def _zeros_in_time(self) -> Complexes:
+        """Zeros in s [1/s] of the position that is measured: poles of a loop that holds it firmly, which is 100 times as quick to find."""
+        side, state = SENSORS.index(self.parts.feedback.position), self.sampled
+        at = np.expm1(0.5j * math.pi) / self.sample_time  # half of half the rate
+        gain = FIRM / abs(self.response.at(np.array([at]))[0, side, COMMAND])
+        return _in_s(np.linalg.eigvals(state.a - gain * np.outer(state.b[:, COMMAND], state.c[side])).astype(complex), self.sample_time)
+
+    @property
+    def lag(self) -> float:
+        """Lag of the joint's own torque [s]: delay, current loop, and a tick for hold and difference."""
+        drive = self.parts.drives[self.joint]
+        return drive.delay + 2 * drive.damping_ratio / drive.bandwidth + self.sample_time
+
+    @property
+    def lowest(self) -> float:
+        """Lowest frequency [rad/s] of the responses."""
+        size = np.abs(self.poles_in_time)
+        return min(LOWEST / self.lag, LOWEST * self.sharp.min(initial=math.inf), BELOW * size[size > DRIFT].min(initial=math.inf))
+
+
+def _in_s(roots: Complexes, step: float) -> Complexes:
+    """Roots in δ as those in s [1/s]; without those at z = 0 and left of it on the real axis, which are of sampling."""
+    z: Complexes = 1 + step * roots
+    return np.log(z[(np.abs(z) > 1e-6) & ((z.imag != 0) | (z.real > 0))]) / step
+
+
+def opened(system: System) -> Opened:
+    """The one joint of `system`, whatever its gains."""
+    control, nothing = system.control, PD(0.0, 0.0)
+    parts = Parts(system.source.linearize(), system.drives, nothing, feedback_of(control.feedback.position, nothing), control.sample_time)
+    return Opened(parts)
+
+
 @dataclass(frozen=True)
 class Joint:
     """One joint at one place in its uncertainty, with the paths that laws run on.
 
     reserves   extra delay [s] that is kept in reserve, by path
     path       of the drive; None: all runs on the host
-    state      from (torque command, load torque) to SENSORS, in continuous time without delays; of the host alone sampled, without `ticks`
-    ticks      whole ticks of delay, of the host alone
     """
 
-    system: System
+    opened: Opened
     reserves: Mapping[str, float]
     path: GainPath | None
-    state: StateSpace
-    ticks: int
-
-    @classmethod
-    def of(cls, system: System, reserves: Mapping[str, float], path: GainPath | None) -> "Joint":
-        """Joint of `system` with its own values."""
-        tick = system.control.sample_time
-        parts = parts_of(system)
-        state, ticks = sensed_state(parts), 0
-        if path is None:
-            assert tick is not None
-            whole, fraction = split_delay(parts.delays[0], tick)
-            state, ticks = hold(state, np.array([float(fraction) * tick, 0.0]), tick), int(whole)
-        return cls(system, reserves, path, state, ticks)
 
     @property
     def sample_times(self) -> dict[str, float]:
         """Sample time [s] of each path."""
-        host = self.system.control.sample_time
-        assert host is not None
+        host = self.opened.sample_time
         return {HOST: host} if self.path is None else {HOST: host, DRIVE: self.path.sample_time}
 
     @property
@@ -112,30 +180,26 @@ class Joint:
         return math.pi / min(self.sample_times.values())
 
     def grid(self, density: float = 1.0) -> Floats:
-        """Frequencies (m,) [rad/s], rising: over all decades, closer about resonance and antiresonance."""
-        joint = self.system.source
-        corners = [one for one in (joint.antiresonance, joint.resonance) if math.isfinite(one)]
-        low = LOWEST * min([1 / self.system.lag, *corners])
+        """Frequencies (m,) [rad/s], rising: over all decades, closer about every resonance and antiresonance."""
+        corners, low = self.opened.sharp, self.opened.lowest
         beside = BESIDE if density <= 1 else np.geomspace(BESIDE[0] / density, BESIDE[-1], round(density * len(BESIDE)))
         about = np.concatenate([-beside[::-1], beside])  # not at the resonance itself, where an undamped joint has a pole
-        top, busy = self.fastest * (1 - 1e-6), max(BUSY / self.system.lag, 2 * low)
+        top, busy = self.fastest * (1 - 1e-6), max(BUSY / self.opened.lag, 2 * low)
         parts = [np.geomspace(low, busy, 13)[:-1], np.geomspace(busy, top, math.ceil(density * math.log(top / busy) / SPACING))]
         parts += [np.minimum(one * (1 + about), self.fastest * (1 - 1e-6 * (2 + np.arange(len(about))))) for one in corners]
         return np.sort(np.concatenate(parts))
 
-    @cached_property
-    def _poles(self) -> Complexes:
-        return np.linalg.eigvals(self.state.a).astype(complex)
-
     def turns(self, omega: Floats) -> "Turns":
-        """Data of the joint for a count of turns at omega (m,) [rad/s], rising."""
-        host, v = self.sample_times[HOST], self.variable(omega)
-        start = float(np.angle(v[0] - self._poles).sum()) + self.ticks * float(omega[0]) * host
-        upper = self._poles[self._poles.imag > 0]
+        """Data of the joint for a count of turns at omega (m,) [rad/s], rising; poles outside the circle count as those inside."""
+        host, v, one = self.sample_times[HOST], self.variable(omega), self.opened
+        poles = one.poles if self.path is None else one.poles_in_time
+        start = float(np.angle(v[0] - poles).sum()) + (one.ticks * float(omega[0]) * host if self.path is None else 0.0)
+        upper = poles[poles.imag > 0]
         s = upper if self.path is not None else np.log(1 + host * upper) / host
         light = upper[-s.real < LIGHT * np.abs(s)]
         pairs = np.concatenate([light, light.conj()])
-        flat = np.prod((v[:, None] - pairs) / np.abs(pairs), axis=1)
+        away = v[:, None] - pairs
+        flat = np.prod(away / np.abs(away), axis=1)
         if self.path is None:  # a pair inside the circle takes a whole turn on the way from 1 to −1
             turned = 2 * math.pi * len(light) - float(np.angle(v[0] - pairs).sum())
         else:
@@ -144,7 +208,7 @@ class Joint:
         return Turns(flat, start + turned)
 
     def variable(self, omega: Floats) -> Complexes:
-        """Points (m,) at which `state` is evaluated: jω, or (e^(jωT_s) − 1)/T_s."""
+        """Points (m,) at which responses are evaluated: jω, or (e^(jωT_s) − 1)/T_s."""
         host = self.sample_times[HOST]
         return 1j * omega if self.path is not None else np.expm1(1j * omega * host) / host
 
@@ -152,25 +216,37 @@ class Joint:
         """Responses at omega (m,) [rad/s]."""
         return responses([self], omega, np.zeros(len(omega), dtype=int))
 
+    def _sensed(self, omega: Floats) -> Complexes:
+        """Responses (m, SENSORS, 2) from the torque command, without hold and delay where there is a path, and the load torque."""
+        v, one = self.variable(omega), self.opened
+        if self.path is None:
+            found = one.response.at(v)
+            found[:, :, COMMAND] *= np.exp(-1j * omega * (one.ticks * self.sample_times[HOST]))[:, None]
+            return found
+        found = one.in_time.at(v)
+        own, others = found[:, : len(SENSORS), :OWN], others_of(one.parts, one.joint)
+        if not others:
+            return own
+        size = one.parts.plant.size
+        delta = np.expm1(1j * omega * one.sample_time) / one.sample_time
+        late = np.exp(-1j * np.multiply.outer(omega, one.parts.delays[others] + one.sample_time / 2))
+        held = np.sinc(omega * one.sample_time / (2 * math.pi))
+        law = one.parts.controller.matrix(1j * omega, delta, size, one.sample_time)[:, others] * (late * held[:, None])[:, :, None]
+        reached, seen = found[:, :, OWN:], found[:, len(SENSORS) :]
+        pushed = np.linalg.solve(np.eye(len(others)) + law @ seen[:, :, OWN:], law @ seen[:, :, :OWN])
+        return own - reached[:, : len(SENSORS)] @ pushed
+
 
 def responses(joints: Sequence[Joint], omega: Floats, rows: Integers) -> Responses:
     """Responses at omega (m,) [rad/s], each of the joint whose index `rows` (m,) has."""
-    size = max(len(joint.state.a) for joint in joints)  # a fraction of a tick is one state more
-    a, b, c = np.zeros((len(joints), size, size)), np.zeros((len(joints), size, 2)), np.zeros((len(joints), 3, size))
+    found = np.empty((len(omega), len(SENSORS), OWN), dtype=complex)
     for k, joint in enumerate(joints):
-        own = len(joint.state.a)
-        a[k, :own, :own], b[k, :own], c[k, :, :own] = joint.state.a, joint.state.b, joint.state.c
-    v = joints[0].variable(omega)
-    resolvent = np.zeros((len(omega), size, size), dtype=complex)
-    resolvent -= a[rows]
-    diagonal = np.arange(size)
-    resolvent[:, diagonal, diagonal] += v[:, None]
-    found = c[rows] @ np.linalg.solve(resolvent, b[rows].astype(complex))
-    drives, path, steps = [joint.system.drives[0] for joint in joints], joints[0].path, joints[0].sample_times
+        if np.any(own := rows == k):
+            found[own] = joint._sensed(omega[own])
+    path, steps = joints[0].path, joints[0].sample_times
     if path is None:
-        late = np.array([joint.ticks for joint in joints])[rows] * steps[HOST]
-        commands = {HOST: found[:, :, COMMAND] * np.exp(-1j * omega * late)[:, None]}
-        return Responses(omega, commands, found[:, :, LOAD], {HOST: np.ones(len(omega))})
+        return Responses(omega, {HOST: found[:, :, COMMAND]}, found[:, :, LOAD], {HOST: np.ones(len(omega))})
+    drives = [joint.opened.parts.drives[joint.opened.joint] for joint in joints]
     passed = np.abs(current_loop(drives[0]).at(1j * omega)) ** 2
     delays = {HOST: np.array([drive.delay for drive in drives])[rows], DRIVE: path.delay}
     commands, heard = {}, {}

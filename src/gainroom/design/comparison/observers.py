@@ -21,7 +21,7 @@ from ...system.linear.arrays import Complexes, Floats
 from ...system.linear.state_space import StateSpace, factored, split_delay
 from ...system.system import System
 from .exact_joint import COMMAND, LOAD, SENSORS, ExactJoint
-from .joint_responses import HOST, parts_of
+from .joint_responses import HOST, opened
 from .structures import NYQUIST, Law, Parameter, Structure, closed_with, low_pass_response
 
 MOST_DOUBLINGS, SETTLED = 30, 1e-12
@@ -104,7 +104,7 @@ class StateObserver(Structure):
             "reading": ("rad²", 1e-2 * soft**2 / spread, 1e-2 * soft**2 * wide),
         }
         ranges = {name: Parameter(name, unit, low, high, low / BEYOND, high * BEYOND) for name, (unit, low, high) in ends.items()}
-        return replace(self, ranges=ranges, model=ExactJoint.of(parts_of(system)))
+        return replace(self, ranges=ranges, model=ExactJoint.of(opened(system).parts))
 
     @cached_property
     def _sampled(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
