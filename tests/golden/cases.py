@@ -171,7 +171,8 @@ OTHERS = [
 REFUSED = [
     *_each("joint @", " ".join(joint_inputs.HOSTILE), json=False),
     *_each("joint @", "gone.yaml . biped.yaml leg.xml --gian", json=False),
-    *_each("compare @", "no_rate.yaml locked_output.yaml bad_key.yaml gone.yaml arm.yaml", json=False),
+    *_each("compare @", "no_rate.yaml locked_output.yaml bad_key.yaml gone.yaml", json=False),
+    Case("compare arm.yaml --joint elbwo", json=False),
     *_each("compare safe.yaml @", "--structures=pd,spilt --structures=torque_feedback --noise=-1 --objective=stiffness", json=False),
     *_each("simulate @", "bad_key.yaml damaged.yaml gone.yaml", json=False),
     Case("simulate safe.yaml --gain nan", json=False),

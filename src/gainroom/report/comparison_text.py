@@ -407,9 +407,8 @@ class ComparisonPresentation(Presentation):
         driven = [one for one in self.found.rows if one.holds and one.where != "host" and "torque" not in one.sensors]
         best = min(driven, key=lambda one: one.worst, default=None)
         if best is not None and row is not None and row is not best and best.worst < row.worst:
-            found.append(
-                f"If the drive can run kd: {name_of(best.structure)} is {_factor(self.found, best)} PD (`--take {best.structure}`)."
-            )
+            take = f" (`--take {best.structure}`)" if self.found.joint.is_single else ""
+            found.append(f"If the drive can run kd: {name_of(best.structure)} is {_factor(self.found, best)} PD{take}.")
         if "torque" not in self.found.ceilings.sensor_noise and math.isfinite(self.given.source.stiffness):
             found.append("What a torque sensor would buy: the same with `--torque-sensor 0.05`, its noise in N·m rms.")
         return found

@@ -306,7 +306,7 @@ def _bounded(found: Comparison, plain: Structure, pd: Found | None, steps: "_Ste
     def joint(spot: Spot) -> ExactJoint:
         return ExactJoint.of(compared.opened(spot).parts, compared.index, held)
 
-    spots = list(dict.fromkeys([*compared.softest, *([] if pd is None else [pd.at])]))
+    spots = compared.softest + ([] if pd is None or pd.at in compared.softest else [pd.at])
     joints = [joint(spot) for spot in spots]
     try:
         best = box_bound(joints, ceilings, sensor, steps.checkpoint)

@@ -168,7 +168,8 @@ class HeldByPD:
 
 def stabilised(joint: ExactJoint, sensors: tuple[str, ...]) -> "Stabilised | HeldByPD":
     """Joint held on `sensors`: on one by the PD that it names, else by an observer. Raises GainroomError where it cannot be stabilised."""
-    return Stabilised.of(joint, sensors) if joint.held is None or len(sensors) > 1 else HeldByPD.of(joint, sensors[0])
+    first, *others = sensors
+    return Stabilised.of(joint, sensors) if joint.held is None or others else HeldByPD.of(joint, first)
 
 
 def _regulator(a: Floats, b: Floats, c: Floats) -> Floats:
