@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .files.audit_call import audit as audit
     from .files.robot_yaml import load_robot as load_robot
     from .native import warmup as warmup
+    from .robot.robot import Robot as Robot
     from .simulation import Friction as Friction, Scenario as Scenario, Testbed as Testbed, simulate as simulate
     from .studies.analysis import Analysis as Analysis, State as State, analyze as analyze
     from .studies.audit import Audit as Audit
@@ -80,6 +81,7 @@ _HOME = {
     "studies.analysis": ("analyze", "Analysis", "State"),
     "studies.joint": ("study_joint", "JointStudy"),
     "studies.comparison": ("compare", "Comparison", "ComparisonSettings"),
+    "robot.robot": ("Robot",),
     "files.robot_yaml": ("load_robot",),
     "files.audit_call": ("audit",),
     "studies.audit": ("Audit",),
