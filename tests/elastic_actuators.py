@@ -49,6 +49,10 @@ class Held:
             full[:, k] = column
         return full + np.diag([each.motor_inertia if each.is_rigid else 0.0 for each in self.actuators.values()])
 
+    def own_inertia(self) -> np.ndarray:
+        """Inertia (n,) of each link by itself, the others free [kg m²]."""
+        return 1 / np.diagonal(np.linalg.inv(self.inertia()))
+
     def limit(self) -> float:
         """Largest factor on all gains, as gainroom predicts it from the numbers of the actuators."""
         every = list(self.actuators.values())

@@ -98,7 +98,7 @@ def ours(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     actuators.ActuatorBase, actuators.ActuatorBaseCfg = ActuatorBase, configclass(type("ActuatorBaseCfg", (), dict(vars(ActuatorBaseCfg))))
     utils.configclass = configclass
     random = np.random.default_rng(0)
-    torch.float64, torch.clip, torch.where, torch.minimum = np.float64, np.clip, np.where, np.minimum
+    torch.float64, torch.clip, torch.einsum, torch.where, torch.minimum = np.float64, np.clip, np.einsum, np.where, np.minimum
     torch.as_tensor = lambda values, dtype, device: np.asarray(values, dtype)
     torch.Generator = lambda device: SimpleNamespace(manual_seed=lambda seed: None)
     torch.rand = lambda shape, generator, dtype, device: random.random(shape)
@@ -140,9 +140,9 @@ def test_defaults_are_those_of_the_model(ours: ModuleType):
 
 def test_torques_are_those_of_the_model(ours: ModuleType):
     """In the place of positions and velocities, as IdealPDActuator puts them, with a reset in between."""
-    cfg = config(ours).copy()
+    cfg = config(ours, link_inertia=0.4).copy()
     made = cfg.class_type(cfg, ["left_knee", "right_knee"], [3, 7], 2, "cpu", stiffness=1.0, damping=1.0, effort_limit=7.0)
-    model = ElasticDelayedJoints(NUMBERS, 2e-3, 2, 2)
+    model = ElasticDelayedJoints(NUMBERS, 2e-3, 2, 2, [0.4, 0.4])
     shape, random = (2, 2), np.random.default_rng(1)
     for k in range(30):
         position, velocity, target, speed, effort = (random.standard_normal(shape) for _ in range(5))

@@ -22,9 +22,9 @@ class ElasticDelayedActuator(ActuatorBase):
 
     def __init__(self, cfg: Any, *args: Any, **kwargs: Any) -> None:
         super().__init__(cfg, *args, **kwargs)
-        library = Library.torch(self._device, cfg.seed)
-        owner = f"joints {', '.join(cfg.joint_names_expr)}"
-        self.joints = ElasticDelayedJoints(cfg.numbers(), cfg.physics_dt, self._num_envs, self.num_joints, library, owner)
+        library, owner = Library.torch(self._device, cfg.seed), f"joints {', '.join(cfg.joint_names_expr)}"
+        inertia = None if cfg.link_inertia is None else [cfg.link_inertia] * self.num_joints
+        self.joints = ElasticDelayedJoints(cfg.numbers(), cfg.physics_dt, self._num_envs, self.num_joints, inertia, library, owner)
 
     def reset(self, env_ids: Any) -> None:
         self.joints.reset(slice(None) if env_ids is None else env_ids)
@@ -46,6 +46,8 @@ class ElasticDelayedActuatorCfg(ActuatorBaseCfg):
 
     stiffness, damping            kp and kd [N m/rad], [N m s/rad]
     physics_dt                    SimulationCfg.dt [s]
+    link_inertia                  of each link by itself about its joint, with the motor's where the gearbox is rigid [kg m²]; None: not
+                                  known, links are stepped explicitly and need shorter steps
     motor_friction, motor_viscous   friction of the motor [N m], [N m s/rad]; of a rigid gearbox Isaac Lab's friction, viscous_friction
 
     armature is not given: it is 0 of an elastic joint, whose rotor moves by itself, and motor_inertia of a rigid one.
@@ -56,6 +58,7 @@ class ElasticDelayedActuatorCfg(ActuatorBaseCfg):
     class_type: type = ElasticDelayedActuator
 
     physics_dt: float = MISSING  # type: ignore[assignment] - configclass finds what is missing
+    link_inertia: float | None = None
     motor_inertia: float = MISSING  # type: ignore[assignment]
     gearbox_stiffness: float = float("inf")
     gearbox_damping: float = 0.0

@@ -7,11 +7,14 @@ late.
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
+import numpy as np
 from mjlab.actuator.actuator import TransmissionType  # pyright: ignore[reportMissingImports] - users of mjlab alone import this module
 from mjlab.actuator.pd_actuator import IdealPdActuator, IdealPdActuatorCfg  # pyright: ignore[reportMissingImports]
 from mjlab.utils.spec import create_motor_actuator  # pyright: ignore[reportMissingImports]
 
 from ..errors import GainroomError
+from ..system.linear.arrays import Floats
 from .elastic_delayed import ElasticDelayed, ElasticDelayedJoints, Library
 
 
@@ -69,11 +72,13 @@ class ElasticDelayedActuator(IdealPdActuator[ElasticDelayedActuatorCfg]):
     def initialize(self, mj_model: Any, model: Any, data: Any, device: str) -> None:
         super().initialize(mj_model, model, data, device)
         step = float(mj_model.opt.timestep)
-        for name, actuator in zip(self.target_names, self._mjs_actuators, strict=True):
-            dof = mj_model.jnt_dofadr[mj_model.actuator_trnid[actuator.id, 0]]
-            self.cfg.require_step(f"joint {name}", step, float(mj_model.dof_invweight0[dof]))
+        dofs = [mj_model.jnt_dofadr[mj_model.actuator_trnid[actuator.id, 0]] for actuator in self._mjs_actuators]
+        inverse = _inverse_inertia(mujoco, mj_model)[dofs].tolist()
+        for name, each in zip(self.target_names, inverse, strict=True):
+            self.cfg.require_step(f"joint {name}", step, each)
         library, owner = Library.torch(device, self.cfg.seed), f"joints {', '.join(self.cfg.target_names_expr)}"
-        self.joints = ElasticDelayedJoints(self.cfg, step, data.nworld, len(self.target_names), library, owner)
+        inertia = [1 / each for each in inverse]
+        self.joints = ElasticDelayedJoints(self.cfg, step, data.nworld, len(inverse), inertia, library, owner)
 
     def compute(self, cmd: Any) -> Any:
         targets = cmd.position_target, cmd.velocity_target, cmd.effort_target
@@ -82,3 +87,13 @@ class ElasticDelayedActuator(IdealPdActuator[ElasticDelayedActuatorCfg]):
     def reset(self, env_ids: Any = None) -> None:
         super().reset(env_ids)
         self.joints.reset(slice(None) if env_ids is None else env_ids)
+
+
+def _inverse_inertia(mujoco: Any, model: Any) -> Floats:
+    """Accelerations (nv,) of each degree of freedom by a torque on it alone, in the posture in which mjlab starts [1/(kg m²)]."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.key("init_state").qpos
+    mujoco.mj_forward(model, data)
+    answers = np.zeros((model.nv, model.nv))
+    mujoco.mj_solveM(model, data, answers, np.eye(model.nv))
+    return np.diagonal(answers)
