@@ -98,6 +98,7 @@ def test_at_rest_it_says_what_joint_says(tmp_path: Path, capsys: pytest.CaptureF
     assert rows["peak_sensitivity"]["met"] is False
     assert rows["peak_sensitivity"]["required"] == "≤ 2"
     assert float(rows["peak_sensitivity"]["worst"]) == pytest.approx(said["worst"]["peak_sensitivity"]["value"], rel=5e-3)  # three digits
+    assert "corners and samples" in verdict["covers"]
     assert parts["use"]["gains"] is None
     with pytest.raises(GainroomError, match="no page where kd closes on a path of its own"):
         own.page(view)

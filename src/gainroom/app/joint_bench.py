@@ -213,7 +213,10 @@ class JointBench:
             progress(0, 2, "margins")
             yield "verdict", verdict_of_paths(study_gain_paths(replace(system, uncertainty=Uncertainty())), "nominal") | gains
         study = self._paths.of(text, lambda: study_gain_paths(system, progress))
-        yield "verdict", verdict_of_paths(study, "certified") | gains
+        covers = (
+            {"covers": "Nominal values: certified by root counts. Ranges: their corners and samples."} if system.uncertainty.names else {}
+        )
+        yield "verdict", verdict_of_paths(study, "certified") | gains | covers
         yield "use", use(study) | {"plant": self.plant(view)}
 
     def recommended(self, view: View, progress: Progress) -> Iterator[Part]:

@@ -258,7 +258,7 @@ function verdict(part) {
 
 /** What "certified" covers: of several loops one loop's phase and Ms are read from samples. @param {any} part */
 function certified(part) {
-  if (!part.states) return "Certified for this model.";
+  if (!part.states) return part.covers || "Certified for this model.";
   if (part.uncertified.length) return `Not certified in ${part.uncertified.join(", ")}: roots could not be counted on both sides there.`;
   return "Certified in every state by root counts: stability, gain, phase and delay margins. Sampled: phase of one loop, Ms.";
 }
