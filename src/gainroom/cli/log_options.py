@@ -33,7 +33,7 @@ class LogCall:
         typer.Option(
             "--units",
             metavar="CHANNEL=UNIT,…",
-            help="time=us,motor_position=deg,target_torque=Nmm; ticks/4096; a number multiplies; - turns.",
+            help="time=us,motor_position=deg,target_torque=Nmm; counts/4096; norm/220; a number multiplies; - turns.",
         ),
     ] = None
     rotor_side: Annotated[
@@ -45,6 +45,7 @@ class LogCall:
     start: Annotated[Number, number_option("--start", "in seconds", "Read from here on [s after the first row].")] = None
     end: Annotated[Number, number_option("--end", "in seconds", "Read up to here [s after the first row].")] = None
     joint: Annotated[list[str] | None, typer.Option("--joint", metavar="NAME", help="A joint, or a pattern; may be given again.")] = None
+    episode: Annotated[int | None, typer.Option("--episode", metavar="N", help="Of a LeRobot data set; else the first.")] = None
 
     def options(self) -> "LogOptions":
         """Log options; flags overrule a file given as --columns. Raises GainroomError."""
@@ -63,7 +64,8 @@ class LogCall:
                 given |= load_options(Path(text))
         given["columns"] = given.get("columns", {}) | assignments(texts, "--columns")
         given["units"] = given.get("units", {}) | assignments(self.units or [], "--units")
-        more = {"gear_ratio": self.gear_ratio, "sample_rate": self.rate_hz, "start": self.start, "end": self.end}
+        window = {"start": self.start, "end": self.end, "episode": self.episode}
+        more = {"gear_ratio": self.gear_ratio, "sample_rate": self.rate_hz, **window}
         given |= {name: value for name, value in more.items() if value is not None}
         if self.rotor_side:
             given["rotor_side"] = tuple(part.strip() for part in self.rotor_side.split(","))

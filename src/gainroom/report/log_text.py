@@ -4,11 +4,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import listed
-from ..files.logs import CHANNELS, Ability, Log, LoggedJoint, Origin, Quality, Survey
+from ..files.logs import CHANNELS, Ability, Log, LoggedJoint, Origin, Quality, Survey, unknown_units
 from ..identification.record import SHORTEST
 from .number_format import digits
 
-READ = {"given": "stated", "file": "the file", "name": "name", "values": "numbers", "convention": "convention", "assumed": "assumed"}
+READ = {
+    "given": "stated",
+    "file": "the file",
+    "name": "name",
+    "values": "numbers",
+    "convention": "convention",
+    "assumed": "assumed",
+    "unknown": "not said",
+}
 """Source of a column's or unit's meaning, in a table."""
 COARSE = 0.05
 """Jitter in ticks above which it is reported: a twentieth of a tick is the accuracy asked of a delay, within a factor of two."""
@@ -42,6 +50,8 @@ def remarks(log: Log) -> list[str]:
     assumed = dict.fromkeys(origin.channel for origin in log.origins if origin.unit_from == "assumed" and origin.channel != "time")
     if assumed:
         found.append(f"Units are not stated of {listed([*assumed], most=12)}; SI on the joint side was assumed.")
+    if unknown := unknown_units(log):
+        found.append(f"{unknown[0].upper()}{unknown[1:]}.")
     if any(_unstated_side(origin) for origin in log.origins):
         found.append(
             "Which side of the gearbox the encoder is on is not stated; motor_position was assumed (else: --columns link_position=…)."
@@ -154,7 +164,8 @@ def _range_text(survey: Survey, origin: Origin) -> str:
     if (origin.joint, origin.channel) not in survey.ranges:
         return ""
     least, largest = survey.ranges[origin.joint, origin.channel]
-    unit = {"angle": "rad", "speed": "rad/s", "torque": "N·m", "current": "A"}[CHANNELS[origin.channel].dimension]
+    si = {"angle": "rad", "speed": "rad/s", "torque": "N·m", "current": "A"}[CHANNELS[origin.channel].dimension]
+    unit = "" if origin.unit_from == "unknown" else si
     return f"{digits(least, significant=3)} to {digits(largest, unit, 3)}"
 
 

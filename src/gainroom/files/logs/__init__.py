@@ -9,7 +9,7 @@ from ...identification.record import SIGNALS
 from .abilities import Ability, abilities
 from .channels import CHANNELS
 from .options import LogOptions, load_options
-from .reading import LoggedJoint, LogReader, log_reader, read_joint, read_log
+from .reading import LoggedJoint, LogReader, log_reader, read_joint, read_log, unknown_units
 from .record import JointLog, Log, Origin, Quality
 from .survey import Survey
 from .writing import LogWriter, open_log
@@ -33,4 +33,5 @@ __all__ = [
     "open_log",
     "read_joint",
     "read_log",
+    "unknown_units",
 ]

@@ -14,7 +14,7 @@ from .guessing import COMMAND_OF, LESS_SURE, Naming, channel_of
 from .options import LogOptions
 from .record import Origin
 from .table import TIME, Column
-from .units import SI, known_unit
+from .units import SI, UNKNOWN, known_unit
 
 
 @dataclass(frozen=True)
@@ -176,6 +176,8 @@ def _origin(claim: Claim, joint: str, options: LogOptions, path: Path) -> Origin
     owner = f"{path}: column {column.name!r}"
     if channel in options.units:
         unit, source = options.units[channel], "given"
+    elif column.unit == UNKNOWN:
+        return Origin(channel, joint, column.name, UNKNOWN, 1.0, "given" if claim.given else "name", "unknown")
     elif column.unit:
         unit, source = known_unit(column.unit, dimension), "file"
         if unit is None:

@@ -17,6 +17,9 @@ from ...io.yaml_text import parse_yaml, read_text, shown
 from .channels import CHANNELS
 from .units import factor
 
+MOST_EPISODES = 10**9
+"""Bound on an episode's number."""
+
 
 @dataclass(frozen=True)
 class LogOptions:
@@ -28,6 +31,7 @@ class LogOptions:
     sample_rate   [Hz] rows come at this rate, whatever their time stamps; None: by their time stamps
     start, end    [s] after the first row; None: from the first, to the last
     joints        names or regular expressions; empty: all
+    episode       of a data set; None: the first
 
     Raises GainroomError for a channel, a unit or a number that cannot be.
     """
@@ -40,6 +44,7 @@ class LogOptions:
     start: float | None = None
     end: float | None = None
     joints: tuple[str, ...] = ()
+    episode: int | None = None
 
     def __post_init__(self) -> None:
         checks: list[Callable[[], object]] = [
@@ -50,6 +55,7 @@ class LogOptions:
             self._require_ratio,
             lambda: self.sample_rate is None or require_positive("log", "sample_rate_hz", self.sample_rate, "Hz"),
             self._require_span,
+            self._require_episode,
             *(partial(_pattern, text) for text in self.joints),
         ]
         all_of(checks)
@@ -62,6 +68,10 @@ class LogOptions:
         begin = 0.0 if self.start is None else require_positive("log", "start", self.start, "s", zero=True)
         if self.end is not None and require_positive("log", "end", self.end, "s") <= begin:
             raise GainroomError(f"log: end {self.end:g} s must be > start {begin:g} s")
+
+    def _require_episode(self) -> None:
+        if self.episode is not None and not 0 <= self.episode < MOST_EPISODES:
+            raise GainroomError(f"log: episode {self.episode} must be a number from 0 to {MOST_EPISODES - 1}")
 
     def scale(self, channel: str, unit: str, owner: str) -> float:
         """Factor from the file's numbers in `unit` to SI on the joint side. Raises GainroomError if the unit is not known."""
@@ -127,6 +137,12 @@ def _texts(value: object) -> dict[str, str]:
 Assignments = Annotated[dict[str, str], BeforeValidator(_texts)]
 
 
+def _number_of_episode(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < MOST_EPISODES:
+        raise refusal(f"{shown(value)} must be a whole number >= 0")
+    return value
+
+
 class LogSection(Section):
     """File of log options: LogOptions in YAML."""
 
@@ -138,6 +154,7 @@ class LogSection(Section):
     start: Annotated[float | None, number(least=0, unit="s")] = None
     end: Annotated[float | None, number(above=0, unit="s")] = None
     joints: list[Name] = Field(default_factory=list, max_length=200)
+    episode: Annotated[int | None, BeforeValidator(_number_of_episode)] = None
 
 
 def load_options(path: Path) -> dict[str, Any]:

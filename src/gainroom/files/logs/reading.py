@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import GainroomError, first_of_many, named
+from ...errors import GainroomError, first_of_many, listed, named
 from ...identification.excited_part import MostExcited
 from ...identification.outliers import Outliers, outliers_text, without_outliers
 from ...identification.record import Record
@@ -23,7 +23,7 @@ from .mapping import map_columns
 from .options import LogOptions
 from .record import JointLog, Log, Origin, Quality
 from .table import TIME, Table, bounded, guarded
-from .units import SI, UNITS
+from .units import SI, UNIT_CHOICES, UNITS, UNKNOWN
 
 MOST_BYTES = 1 << 31
 """Maximum size of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
@@ -246,6 +246,7 @@ def log_reader(path: Path, options: LogOptions | None = None, progress: Progress
     """
     path, options = Path(path), LogOptions() if options is None else options
     form = format_of(path)
+    form = form if options.episode is None else form.of_episode(path, options.episode)
     with contextlib.ExitStack() as stack:
         with guarded(path, form.title):
             table = stack.enter_context(opened_table(form, path, options.columns.get(TIME)))
@@ -288,8 +289,12 @@ def read_joint(path: Path, options: LogOptions | None = None, progress: Progress
                 f"{path}: has {len(reader.joint_names)} joints and one must be chosen, by --joint NAME: {first_of_many(reader.joint_names)}"
             )
         log = reader.most_excited()
+    unknown = {origin.channel for origin in log.origins if origin.unit == UNKNOWN}
+    if unknown - {"current"}:
+        raise GainroomError(f"{path}: {unknown_units(log)}")
     with named(str(path)):
         joint = log.joint()
+        joint = replace(joint, channels={name: values for name, values in joint.channels.items() if name not in unknown})
         constant = _constant_torques(joint)
         if constant:
             notes = [f"{name} is {joint.channels[name][0]:g} N·m throughout and was left out" for name in constant]
@@ -298,6 +303,16 @@ def read_joint(path: Path, options: LogOptions | None = None, progress: Progress
         record, outliers = without_outliers(joint.record())
         log = replace(log, notes=(*log.notes, *outliers_text(outliers, record.time)))
         return LoggedJoint(path, log, joint, record, outliers)
+
+
+def unknown_units(log: Log) -> str:
+    """Text on the channels whose unit the file does not say and whose numbers are not SI, with what to type; "" where there is none."""
+    unknown = dict.fromkeys(origin.channel for origin in log.origins if origin.unit == UNKNOWN)
+    if not unknown:
+        return ""
+    typed = ",".join(f"{channel}=UNIT" for channel in unknown)
+    choices = " or ".join(dict.fromkeys(UNIT_CHOICES[CHANNELS[channel].dimension] for channel in unknown))
+    return f"the unit of {listed([*unknown])} is not said: --units {typed}, where UNIT is {choices}"
 
 
 def _constant_torques(joint: JointLog) -> list[str]:

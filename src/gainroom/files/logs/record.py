@@ -24,7 +24,7 @@ class Origin:
     factor           by which it was multiplied, to SI and the joint side
     column_from      "given" by the user, or the "name" said it
     unit_from        "given", the "file" or the column's "name" said it, its "values" did, "convention": the column is called as
-                     this package calls it, which is in SI; or it was "assumed"
+                     this package calls it, which is in SI; or it was "assumed"; "unknown": the numbers are as the file has them
     """
 
     channel: str

@@ -111,6 +111,16 @@ class LogFormat:
     endings: ClassVar[tuple[str, ...]]
     makes: ClassVar[type | None] = None
     """Sink of a format that can be written; made from a path."""
+    episode: int | None = None
+    """Number of the episode that is read, where files of the format hold several; None: the first."""
+
+    def is_of(self, path: Path) -> bool:
+        """True if the format is that of a file or a folder by where it lies, whatever its ending says."""
+        return False
+
+    def of_episode(self, path: Path, episode: int) -> "LogFormat":
+        """Format that reads one episode. Raises GainroomError where the format has none."""
+        raise GainroomError(f"{path}: --episode {episode}: {self.title} has no episodes; LeRobot's data sets have")
 
     def is_guarded(self, path: Path) -> bool:
         """True if a library parses this file: guarded_table.opened_table then calls `table` in a guarded child."""

@@ -2,9 +2,10 @@
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 
-from ...errors import GainroomError, one_line
+from ...errors import GainroomError, digits, one_line
 
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -16,8 +17,44 @@ UNITS: dict[str, dict[str, float]] = {
 """Factors to SI by dimension and unit; lengths and forces are those of prismatic joints."""
 SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": "A"}
 """Units of numbers without a stated unit."""
-TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
-"""Patterns of encoder steps: the number of steps per revolution."""
+_NUMBER = "([0-9.eE+]{1,20})"
+SCALES: Mapping[str, tuple[tuple[re.Pattern[str], Callable[[float], float]], ...]] = {
+    "angle": (
+        (re.compile(f"(?:ticks|counts)/{_NUMBER}"), lambda steps: 2 * math.pi / steps),
+        (re.compile(f"norm/{_NUMBER}"), lambda span: math.radians(span) / 200),
+    ),
+    "speed": ((re.compile(f"(?:ticks|counts)/{_NUMBER}/s"), lambda steps: 2 * math.pi / steps),),
+    "current": ((re.compile(f"{_NUMBER}mA"), lambda step: 1e-3 * step),),
+}
+"""Units with a number in them, and the factor that it makes.
+
+Encoder steps, by their number per revolution; LeRobot's −100 … 100, by the degrees between the two; current registers, by the step.
+"""
+OF_CURRENT = re.compile(rf"{_NUMBER}?(mA|A)\*([\w.+-]{{1,40}})")
+"""Unit of a torque that is logged as a current: the current's unit, times N·m/A or the name of an actuator that has a torque constant."""
+ONE_CONSTANT = 1.1
+"""Largest ratio of an actuator's published torque constants for which the first of them is taken: fits to one servo differ by that."""
+UNKNOWN = "?"
+"""Unit of a column whose format does not say it, and whose numbers are not SI."""
+FORMS = {
+    "angle": ("ticks/4096 or counts/4096 (4096 a revolution)", "norm/220 (LeRobot's −100 … 100 over 220 degrees)"),
+    "speed": ("ticks/4096/s (4096 a revolution)",),
+    "torque": ("mA*1.2 (a current, and N·m/A or the name of an actuator)",),
+    "current": ("6.5mA (steps of 6.5 mA)",),
+}
+"""Forms of units with numbers in them, as messages name them."""
+UNIT_CHOICES = {
+    "angle": "deg, rad, norm/DEGREES (LeRobot's −100 … 100 over the joint's calibrated range) or counts/4096",
+    "speed": "deg/s, rad/s or counts/4096/s",
+    "current": "A, mA or 6.5mA (steps of 6.5 mA, as Feetech's STS has; 2.69mA of XM430 and XM540, 1mA of XL330)",
+}
+"""Units that a column of the unit UNKNOWN may be in, as messages name them.
+
+4096 steps a turn: MODEL_RESOLUTION in lerobot's motors/feetech/tables.py (STS, SMS) and motors/dynamixel/tables.py (X series).
+1024 steps over 300 degrees of SCS and XL-320 are 1228.8 a turn: ROBOTIS e-manual, XL-320, Resolution and Goal Position(30).
+6.5 mA: Feetech's memory table of the STS series, present current at address 69. 2.69 mA and 1 mA: ROBOTIS e-manual, Goal Current(102) of
+XM430-W350 and Present Current(126) of XL330-M288.
+"""
 MOST_LETTERS = 40
 """Maximum length of a unit's name."""
 SPELLINGS = {
@@ -47,13 +84,12 @@ def known_unit(text: str, dimension: str) -> str | None:
 
 @lru_cache(1 << 12)
 def _known(text: str, dimension: str) -> str | None:
+    if _scaled(text.strip(), dimension) is not None:
+        return text.strip()
     plain = re.sub(r"[\s·*⋅]|(?<=\w)\.(?=\w)", "", text.strip())
     plain = SPELLINGS.get(plain.lower(), plain).replace("/sec", "/s")
     units = UNITS[dimension]
     if plain in units:
-        return plain
-    pattern = TICKS.get(dimension)
-    if pattern is not None and (found := pattern.fullmatch(plain)) and _positive(found[1]):
         return plain
     close = [unit for unit in units if unit.lower() == plain.lower()]  # a header may write NM, and no two units differ by case alone
     return close[0] if len(close) == 1 else None
@@ -68,12 +104,43 @@ def factor(text: str, dimension: str, owner: str) -> float:
     value = _positive(plain)
     if value is not None:
         return sign * value
+    if dimension == "torque" and (current := OF_CURRENT.fullmatch(plain)):
+        step = _positive(current[1] or "1")
+        if step is not None:
+            return sign * step * UNITS["current"][current[2]] * _torque_constant(current[3], owner)
+    scaled = _scaled(plain, dimension)
+    if scaled is not None:
+        return sign * scaled
     unit = known_unit(plain, dimension)
     if unit is not None:
-        return sign * (UNITS[dimension].get(unit) or 2 * math.pi / float(TICKS[dimension].fullmatch(unit)[1]))  # type: ignore[index]
-    steps = [f"ticks/4096{'/s' if dimension == 'speed' else ''} (4096 a revolution)"] if dimension in TICKS else []
-    allowed = ", ".join([*UNITS[dimension], *steps])
+        return sign * UNITS[dimension][unit]
+    allowed = ", ".join([*UNITS[dimension], *FORMS.get(dimension, ())])
     raise GainroomError(f"{owner}: unit {one_line(repr(text), 60)} must be one of {allowed}; or a number that the column is multiplied by")
+
+
+def _scaled(text: str, dimension: str) -> float | None:
+    """Factor of a unit with a number in it; None for any other text."""
+    for pattern, factor_of in SCALES.get(dimension, ()):
+        if (found := pattern.fullmatch(text)) and (value := _positive(found[1])) is not None:
+            return factor_of(value)
+    return None
+
+
+def _torque_constant(text: str, owner: str) -> float:
+    """Torque constant [N m/A], a number or that published of an actuator. Raises GainroomError that begins with `owner`."""
+    from ..actuator_facts import actuators, unknown_actuator  # reads a large file
+
+    if (value := _positive(text)) is not None:
+        return value
+    if text not in actuators():
+        raise GainroomError(f"{owner}: {unknown_actuator(text)}")
+    found = actuators()[text].used("torque_constant")
+    if found is None:
+        raise GainroomError(f"{owner}: the torque constant of {text} is not published: give it in N·m/A in its place")
+    if found.high > ONE_CONSTANT * found.low:
+        between = f"{digits(found.low, '', 3)} to {digits(found.high, 'N·m/A', 3)}"
+        raise GainroomError(f"{owner}: the torque constant of {text} is published as {between}: give a number in its place")
+    return found.value
 
 
 def _positive(text: str) -> float | None:

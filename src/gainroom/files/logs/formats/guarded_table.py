@@ -21,7 +21,8 @@ from . import format_of
 def opened_table(form: LogFormat, path: Path, time: str | None) -> Iterator[Table]:
     """Table of a log, as LogFormat.table gives it, from a guarded child if the format asks for one. Raises GainroomError."""
     if form.is_guarded(path):
-        with guarded_child(path, form.title, __name__, *([] if time is None else [time])) as child:
+        episode = "" if form.episode is None else str(form.episode)
+        with guarded_child(path, form.title, __name__, time or "", episode) as child:
             yield _GuardedTable(child)
     else:
         with form.table(path, time) as table:
@@ -53,10 +54,14 @@ class _GuardedTable(Table):
 
 
 @contextlib.contextmanager
-def opened(path: Path, time: str | None = None) -> Iterator[tuple[dict[str, Any], Handler]]:
-    """Description of a log's table, opened in the child, and the handler of requests for its blocks."""
+def opened(path: Path, time: str, episode: str) -> Iterator[tuple[dict[str, Any], Handler]]:
+    """Description of a log's table, opened in the child, and the handler of requests for its blocks.
+
+    time, episode   as LogFormat.table and of_episode have them; "" where they are not given
+    """
     form = format_of(path)
-    with guarded(path, form.title), form.table(path, time) as table:
+    form = form.of_episode(path, int(episode)) if episode else form
+    with guarded(path, form.title), form.table(path, time or None) as table:
         blocks: Iterator[Floats] = iter(())
 
         def rows_of(request: Any) -> Answer:
