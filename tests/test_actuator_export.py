@@ -119,3 +119,22 @@ def test_gains_alone_are_not_enough(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "needs a joint.yaml or a robot.yaml" in capsys.readouterr().err
     assert main(["export", str(path), "--to", "mjlab_actuator"]) == 2
     assert "mjlab-actuator" in capsys.readouterr().err
+
+
+def test_audit_reads_motor_and_gearbox_of_what_was_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The limit that gainroom robot finds is that of an audit of the file, with the loop's delay and rate typed."""
+    path = write_arm(tmp_path)
+    data = yaml.safe_load(path.read_text("utf-8"))
+    data["control"] = {"type": "pd", "kp": 400.0, "kd": 30.0, "feedback": "motor", "sample_rate_hz": 1000}
+    data["joints"] = {"default": {"motor_inertia": 0.5, "stiffness": 5e3, "damping": 2.0}}
+    data |= {"drive": {"bandwidth": float("inf"), "delay_ms": 2.0}, "postures": {"zero": {}}}
+    path.write_text(yaml.safe_dump(data), "utf-8")
+    assert main(["export", str(path), "--to", "mjlab-actuator", "--output", str(tmp_path / "a.py"), "--write"]) == 0
+    capsys.readouterr()
+    assert main(["robot", str(path), "--json"]) != 2
+    wanted = json.loads(capsys.readouterr().out)["states"][0]["gain_limit"]
+    model = tmp_path / data["model"]["file"]
+    assert main(["audit", str(model), "--gains", str(tmp_path / "a.py"), "--delay-ms", "2", "--rate-hz", "1000", "--json"]) != 2
+    told = json.loads(capsys.readouterr().out)
+    assert told["gain_limit"] == pytest.approx(wanted, rel=1e-6)
+    assert any("delay, period: not read here" in warning for warning in told["warnings"])

@@ -28,7 +28,11 @@ TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")
 EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", "effort_limit_sim")
 GROUPS = ("actuators", "articulation", "base_cfg")
 POSTURE = "joint_pos"
-GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, "stiffness", "damping", "armature", POSTURE, "default_joint_angles")
+INERTIAS, GEARBOX = ("armature", "motor_inertia"), ("gearbox_stiffness", "gearbox_damping")
+"""Keys of the motor's inertia; and of the gearbox, which gainroom's own actuators (trainers) have."""
+LOOP = ("delay", "jitter", "period", "kd_delay", "kd_period", "encoder", "bandwidth")
+"""Keys of gainroom's own actuators for their loop."""
+GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, *INERTIAS, *GEARBOX, "stiffness", "damping", POSTURE, "default_joint_angles")
 """Fields that decide gains: a file that changes one of them in a way that is not followed is refused."""
 WITHOUT_GAINS = {
     "ActuatorNetMLPCfg": "a network",
@@ -63,6 +67,8 @@ class Group:
     kd: float | Mapping[str, float]
     motor_inertia: float | Mapping[str, float] | None
     effort_limit: float | Mapping[str, float] | None
+    gearbox_stiffness: float | Mapping[str, float] | None = None
+    gearbox_damping: float | Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,15 +97,17 @@ class GroupedGains(GainFile):
                 for k in chosen
                 if k in owners
             )
-            for k, kp, kd, motor_inertia, effort_limit in zip(chosen, *columns, strict=True):
+            for k, kp, kd, motor_inertia, effort_limit, stiffness, damping in zip(chosen, *columns, strict=True):
                 owners[k] = group.owner
-                result[k] = [Gain(kp or 0.0, kd or 0.0, 0.0, motor_inertia or None, effort_limit)]
+                result[k] = [Gain(kp or 0.0, kd or 0.0, 0.0, motor_inertia or None, effort_limit, stiffness, damping)]
 
         all_of(partial(place, group) for group in self.groups)
         return result
 
 
-_COLUMNS = {"kp": "stiffness", "kd": "damping", "motor_inertia": "armature", "effort_limit": "effort limit"}
+_COLUMNS = {"kp": "stiffness", "kd": "damping", "motor_inertia": "armature", "effort_limit": "effort limit"} | {
+    name: name.replace("_", " ") for name in GEARBOX
+}
 
 
 def _by_joint(value: float | Mapping[str, float] | None, names: Sequence[str], owner: str, title: str) -> list[float | None]:
@@ -453,6 +461,7 @@ def _group(record: Record, source: str, notes: list[str]) -> Group | None:
     with Together() as together:
         step = together.step
         step(lambda: _note_lags(record, owner, notes))
+        _note_loop(record, owner, notes)
         joints = step(lambda: _patterns(next((record.fields[key], key) for key in TARGETS if key in record.fields), owner))
         reason = next((WITHOUT_GAINS[kind] for kind in record.kinds if kind in WITHOUT_GAINS), None)
         if reason:
@@ -464,10 +473,13 @@ def _group(record: Record, source: str, notes: list[str]) -> Group | None:
         only = any(kind in VELOCITY_ONLY for kind in record.kinds)
         kp = step(lambda: 0.0 if only else _gain(fields, "stiffness", owner))
         kd = step(lambda: _gain(fields, "damping", owner))
-        inertia = step(lambda: _quantity(fields, "armature", owner, ARMATURE))
+        inertia = step(
+            lambda: _quantity(fields, next((key for key in INERTIAS if fields.get(key) is not None), "armature"), owner, ARMATURE)
+        )
+        gearbox = [step(partial(_quantity, fields, key, owner, check)) for key, check in zip(GEARBOX, (EFFORT, ARMATURE), strict=True)]
         effort = next((key for key in EFFORT_LIMITS if fields.get(key) is not None), "effort_limit")
         limit = step(lambda: _quantity(fields, effort, owner, EFFORT))
-        return Group(owner, joints(), kp(), kd(), inertia(), limit())
+        return Group(owner, joints(), kp(), kd(), inertia(), limit(), *(each() for each in gearbox))
 
 
 def _gain(fields: Mapping[str, Any], key: str, owner: str) -> float | Mapping[str, float]:
@@ -516,6 +528,15 @@ def _number(owner: str, value: Any, check: Any) -> float:
     if isinstance(value, Record):
         raise GainroomError(f"{owner}: {shown(value.name + '(…)')} is a configuration, and must be a number")
     return checked(owner, value, check)
+
+
+def _note_loop(record: Record, owner: str, notes: list[str]) -> None:
+    """Adds a note about a loop that gainroom's own actuators describe, and flags have to."""
+    found = [key for key in LOOP if record.fields.get(key) is not None]
+    if found:
+        notes.append(
+            f"{owner}: {', '.join(found)}: not read here: --delay-ms, --rate-hz and --gains-run say the loop, a robot.yaml all of it"
+        )
 
 
 def _note_lags(record: Record, owner: str, notes: list[str]) -> None:
