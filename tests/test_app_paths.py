@@ -98,10 +98,19 @@ def test_at_rest_it_says_what_joint_says(tmp_path: Path, capsys: pytest.CaptureF
     assert rows["peak_sensitivity"]["met"] is False
     assert rows["peak_sensitivity"]["required"] == "≤ 2"
     assert float(rows["peak_sensitivity"]["worst"]) == pytest.approx(said["worst"]["peak_sensitivity"]["value"], rel=5e-3)  # three digits
-    assert "corners and samples" in verdict["covers"]
+    assert "covers" not in verdict
     assert parts["use"]["gains"] is None
     with pytest.raises(GainroomError, match="no page where kd closes on a path of its own"):
         own.page(view)
+
+
+@pytest.mark.slow
+def test_it_says_what_is_certified_over_ranges():
+    """Nominal margins come first; of the ranges nothing is proved between corners and samples."""
+    own = JointBench(Opened(text(path=DRIVE) + "uncertainty: {stiffness: 5%}\n", "joint.yaml", Path()))
+    verdicts = [part for kind, part in own.full(View(), None, silent) if kind == "verdict"]
+    assert [part["basis"] for part in verdicts] == ["nominal", "certified"]
+    assert "corners and samples" in verdicts[-1]["covers"]
 
 
 def test_pictures_are_those_of_one_path_where_both_are_alike():
