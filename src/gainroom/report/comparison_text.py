@@ -141,7 +141,8 @@ def _verdict(found: Comparison) -> str:
 def _moves(found: Comparison, row: Row) -> str:
     """Sentence on the worst objective of a row."""
     value, name = f"{thousandths(row.worst)} {unit(found.objective)}", name_of(row.structure)
-    box = f"at the worst of the box ({uncertainty_text(found.system)})"
+    states = " and of the states" if len(found.joint.states) > 1 else ""
+    box = f"at the worst of the box{states} ({uncertainty_text(found.system)})"
     if found.objective.name == "dynamic_stiffness":
         return f"With {name} a load moves the link by up to {value}, {box}."
     return f"With {name} it is {value}, {box}: {measure(found.objective)}."

@@ -7,8 +7,10 @@ import numpy as np
 from ...system.linear.arrays import Floats
 from .closed_loop import UNSTABLE, Corners
 
-PER_PARAMETER, LEAST, MOST = 8, 64, 64
-"""Members of the population per parameter, and their least and largest number."""
+PER_PARAMETER, MOST, FEW = 8, 64, 3
+"""Members of the population per parameter, and their largest number. Up to FEW parameters have as many: in the states of a robot what keeps
+the ceilings may be islands, of which the best is small.
+"""
 CROSSED = 0.85  # share of coordinates that come from the mutant
 ALIKE = 2e-3  # spread of costs, in ln, at which a population ends
 
@@ -28,7 +30,7 @@ def evolved(
     rng = np.random.default_rng(seed)
     low, high = corners.structure.box
     least, most = corners.structure.limits
-    size = int(np.clip(PER_PARAMETER * len(low), LEAST, MOST))
+    size = MOST if len(low) <= FEW else min(PER_PARAMETER * len(low), MOST)
     members = low + (high - low) * _spread(rng, size, len(low))
     for k, start in enumerate(list(starts)[:size]):
         members[k] = start
