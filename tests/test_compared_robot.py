@@ -18,17 +18,19 @@ from gainroom.design.comparison.certificate import Certificate
 from gainroom.design.comparison.closed_loop import curves, is_stable
 from gainroom.design.comparison.compared_joint import ComparedJoint, Spot
 from gainroom.design.comparison.exact_joint import ExactJoint
-from gainroom.design.comparison.joint_responses import HOST, Joint, Opened
+from gainroom.design.comparison.joint_responses import HOST, Joint, Opened, opened
 from gainroom.design.comparison.objective import Objective
 from gainroom.design.comparison.opened_loop import opened_loop
 from gainroom.design.comparison.robot_controllers import robot_with
 from gainroom.design.comparison.structure_search import Problem
+from gainroom.design.comparison.two_rates import largest_root
 from gainroom.errors import GainroomError
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.assembly import Parts
 from gainroom.system.feedback import feedback_of
 from gainroom.system.plant import Plant
+from gainroom.system.system import System
 
 TICK = 1e-3
 W = np.array([[0.5, -0.3], [-0.3, 0.9]])
@@ -106,6 +108,33 @@ def test_turns_and_roots_count_what_the_whole_robot_counts(other):
     np.testing.assert_array_equal(turned[clear], np.array(exact)[clear])
     assert any(exact) or other > 1
     assert not all(exact)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_roots_of_two_rates_are_those_of_the_lifted_loop(seed):
+    """Of one joint, and of a chain whose other joint has no kd, as kd_path is of all joints; viscous friction holds that one."""
+    rng = np.random.default_rng(seed)
+    single = joint(0.2, 0.8, 1e4, 1.0, 2.174e-3)
+    plant, gains = Plant(W, MOTORS, STIFFNESS, DAMPING, motor_viscous=np.array([0.0, 30.0])), np.array([0.0, 250.0])
+    drives, at = (gr.Drive(4000.0, 0.9, 1.7e-3),) * 2, feedback_of("motor", gr.PD(1.0, 1.0))
+    one = System.of_joint(gr.ElasticJoint(MOTORS[0], 1 / W[0, 0], STIFFNESS[0], DAMPING[0]), drives[0], gr.PD(1.0, 1.0), sample_time=5e-4)
+    counted = []
+    for system, parts in ((single, None), (one, Parts(plant, drives, gr.PD(gains, np.zeros(2)), at, 5e-4))):
+        structure = structure_of("split").scaled_to(system, PATH)
+        low, high = structure.box
+        for x in low - 1 + (high - low + 2) * rng.random((12, 3)):
+            alone = structure.system(x, system, PATH)
+            if parts is None:
+                lifted, found = alone.loop(), largest_root(opened(system), alone)
+            else:
+                own = alone.control.controller
+                law = replace(own, kp=np.array([own.kp, gains[1]]), kd=np.array([own.kd, 0.0]))
+                lifted = gr.build_loop(plant, drives, law, sample_time=5e-4, kd_path=PATH)
+                found = largest_root(Opened(parts, 0), alone)
+            counted.append(found < 1)
+            assert gr.is_stable(lifted) == counted[-1]
+        assert any(counted[-12:])
+        assert not all(counted[-12:])
 
 
 @pytest.fixture(scope="module")

@@ -295,7 +295,7 @@ def _certificate(found: Comparison) -> Html:
             "and samples inside; no grid of frequencies decides a ceiling"
             if found.joint.is_single
             else "and every state of the file, all other loops closed, stability by the roots of the whole robot; where two rates meet "
-            "there are none, and ceilings are those of the search"
+            "it is counted with both, and ceilings are those of the search"
         )
     gaps = ", ".join(f"{name_of(row.structure)} {gap_text(row)}" for row in proved)
     pairs = [

@@ -497,7 +497,9 @@ def unsure(found: Comparison) -> list[str]:
     rows = [f"{name_of(row.structure)} {gap_text(row)}" for row in found.rows if row.gap > UNSURE]
     told = [f"the two best starts of a search ended apart, so a better design may be left: {listed(rows, most=6)}"] if rows else []
     if not found.joint.is_single and any(row.where != "host" and row.holds for row in found.rows):
-        told.append("margins with kd in the drive of one joint are those of the search, without aliases: no loop of one rate has them")
+        told.append(
+            "with kd in the drive of one joint, stability is counted with both rates; Ms and reserve are of the search, without aliases"
+        )
     return told + ([f"no bound: {found.unbounded}"] if found.unbounded else [])
 
 

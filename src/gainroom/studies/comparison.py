@@ -30,6 +30,7 @@ from ..design.comparison.opened_loop import opened_loop
 from ..design.comparison.robot_controllers import robot_with
 from ..design.comparison.structure_search import FINE, Found, Problem, held_harder, searched
 from ..design.comparison.structures import Structure
+from ..design.comparison.two_rates import largest_root
 from ..design.parallel import in_parallel
 from ..errors import GainroomError, digits
 from ..system.elastic_joint import ElasticJoint
@@ -551,7 +552,7 @@ def _proof(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> _P
     if not found.structure.in_drive:
         spots += [spot for spot in joint.proved if spot not in spots]
     elif not joint.is_single:
-        return _seen(problem, found, spots)
+        return _seen(problem, found, [*spots, *(spot for spot in joint.proved if spot not in spots)])
     every = []
     for spot in spots:
         checkpoint()
@@ -579,7 +580,8 @@ def _exceeded(problem: Problem, found: Found) -> str:
 
 
 def _seen(problem: Problem, found: Found, spots: Sequence[Spot]) -> _Proof:
-    """Peak sensitivity of a law of two rates in a robot, as the search sees it: no loop of one rate has its margins."""
+    """Peak sensitivity of a law of two rates in a robot, as the search sees it, and its stability by the roots of both rates together."""
+    alone = found.structure.system(found.x, problem.joint.alone, problem.path)
 
     def seen(spot: Spot) -> Margins:
         joint = problem.spot(found.structure, spot)
@@ -587,7 +589,9 @@ def _seen(problem: Problem, found: Found, spots: Sequence[Spot]) -> _Proof:
         return replace(Margins.unknown(GainLimit.unknown(1)), peak_sensitivity=problem.ceilings.peak_sensitivity * float(ratio))
 
     every = [seen(spot) for spot in spots]
-    return _Proof(every[0], worst_of(every), 0, _exceeded(problem, found))
+    lost = next((spot for spot in spots if not largest_root(problem.joint.opened(spot), alone) < 1), None)
+    broken = _exceeded(problem, found) if lost is None else f"unstable at {problem.joint.where(lost)}"
+    return _Proof(every[0], worst_of(every), len(spots), broken)
 
 
 def _loop(problem: Problem, found: Found, spot: Spot) -> Loop:
