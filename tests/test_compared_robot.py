@@ -25,6 +25,7 @@ from gainroom.design.comparison.robot_controllers import robot_with
 from gainroom.design.comparison.structure_search import Problem
 from gainroom.design.comparison.two_rates import largest_root
 from gainroom.errors import GainroomError
+from gainroom.files.compared_joint import compared_robot_text, gains_section
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.assembly import Parts
@@ -195,7 +196,9 @@ def test_a_robot_of_one_joint_is_that_joint(tmp_path: Path):
     """A mass of 4 kg on an arm of 2 m is a load of 16 kg m²: the same search ends at the same gains, and the same peak."""
     (tmp_path / "arm.urdf").write_text(ARM, "utf-8")
     robot = parse_robot(ROBOT, "robot.yaml", tmp_path)
-    first, second = (gr.compare(one, ["pd"], nominal=False, bound=False).row("pd") for one in (robot, parse_joint(JOINT, "joint.yaml")))
+    compared = gr.compare(robot, ["pd"], nominal=False, bound=False)
+    first = compared.row("pd")
+    second = gr.compare(parse_joint(JOINT, "joint.yaml"), ["pd"], nominal=False, bound=False).row("pd")
     assert first.holds
     assert second.holds
     assert first.parameters == pytest.approx(second.parameters, rel=2e-3)  # a flat optimum
@@ -203,6 +206,22 @@ def test_a_robot_of_one_joint_is_that_joint(tmp_path: Path):
     assert first.worst_margins is not None
     assert second.worst_margins is not None
     assert first.worst_margins.peak_sensitivity == pytest.approx(second.worst_margins.peak_sensitivity, rel=1e-4)
+    written = parse_robot(compared_robot_text(compared, first, ROBOT, str(tmp_path / "robot.yaml"), "0"), "better.yaml", tmp_path)
+    assert written.control.controller.kp == pytest.approx(first.parameters["kp"], rel=1e-6)  # seven digits are written
+    assert written.requirements == robot.requirements
+
+
+def test_gains_of_one_joint_are_written_beside_those_of_the_others(biped, tmp_path: Path):
+    joint = ComparedJoint.of(biped, 3)
+    robot = robot_with(joint, joint.alone.with_controller(gr.PID(5000.0, 70.0, 150.0)))
+    assert robot is not None
+    assert gains_section("left_knee", robot) == {
+        "type": "pid",
+        "kp": {"default": 2000.0, "left_knee": 5000.0},
+        "ki": {"default": 0.0, "left_knee": 70.0},
+        "kd": {"default": 100.0, "left_knee": 150.0},
+    }
+    assert robot_with(joint, joint.alone.with_controller(gr.PD(1.0, 1.0, biquads=(gr.Biquad(10.0, 0.5, 20.0, 0.5),)))) is None
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:

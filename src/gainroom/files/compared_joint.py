@@ -81,7 +81,7 @@ def gains_section(joint: str, robot: System) -> dict[str, Any]:
     found: dict[str, Any] = {"type": type_of(controller)}
     for key in controller.gain_names():
         values = [_seven(value) for value in np.broadcast_to(getattr(controller, key), len(names))]
-        others = [value for name, value in zip(names, values, strict=True) if name != joint]
+        others = [value for name, value in zip(names, values, strict=True) if name != joint] or values
         usual = Counter(others).most_common(1)[0][0]
         own = {re.escape(name): value for name, value in zip(names, values, strict=True) if value != usual}
         found[key] = {DEFAULT: usual, **own} if own else usual

@@ -110,12 +110,12 @@ def sentence(found: Comparison) -> str:
 def _of_robot(found: Comparison) -> str:
     """Sentence on the state in which a robot's joint was compared; "" of a single joint."""
     joint = found.joint
-    if joint.is_single:
+    if joint.is_single or len(joint.system.drives) == 1:
         return ""
-    count, every = len(joint.states), len(joint.system.source.states)
-    where = f"in all {count} states" if count == every else f"in the {count} softest of {every} states"
-    where = where if count > 1 else "in its one state"
-    return f"All other joints are closed by the file's gains, {where}; the link is softest in {'/'.join(joint.states[0])}."
+    count, every, first = len(joint.states), len(joint.system.source.states), "/".join(joint.states[0])
+    where = f"all {count} states" if count == every else f"the {count} softest of {every} states"
+    where = f"{where}; the link is softest in {first}" if count > 1 else first
+    return f"All other joints are closed by the file's gains, in {where}."
 
 
 def _verdict(found: Comparison) -> str:
