@@ -16,7 +16,7 @@ from gainroom.io.atomic import replacement
 from .measure import machine_facts
 from .table import Table, bounded, markdown, print_table
 
-HELPERS = {"__main__", "measure", "table", "served", "sysid_peer", "talos"}
+HELPERS = {"__main__", "measure", "table", "served", "sysid_peer", "talos", "public_gains"}
 PARTS = sorted(one.name for one in pkgutil.iter_modules([str(Path(__file__).parent)]) if one.name not in HELPERS)
 OUTPUT = Path("build/benchmarks.json")
 INTRODUCTION = """# Performance
