@@ -148,14 +148,14 @@ def _gains_as_file(model: str, gains: Any, base: Any) -> Iterator[Path | None]:
             raise GainroomError(*(problem.replace(str(path), "gains") for problem in error.problems)) from None
 
 
-def _by_name(gains: Mapping[Any, Any]) -> dict[str, dict[str, float]]:
+def _by_name(gains: Mapping[Any, Any]) -> dict[str, dict[str, float | str]]:
     """Gains by joint's name or pattern, from mappings or pairs (kp, kd)."""
-    found: dict[str, dict[str, float]] = {}
+    found: dict[str, dict[str, float | str]] = {}
     for name, own in gains.items():
         given = own if isinstance(own, Mapping) else dict(zip(("kp", "kd"), own, strict=False)) if np.size(own) == 2 else None
         if given is None:
             raise GainroomError(f"gains: {name!r}: {own!r} must be {{'kp': …, 'kd': …}} or (kp, kd)")
-        found[str(name)] = {str(key): float(value) for key, value in given.items()}
+        found[str(name)] = {str(key): value if isinstance(value, str) else float(value) for key, value in given.items()}
     return found
 
 

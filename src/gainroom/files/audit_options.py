@@ -209,7 +209,8 @@ class AuditOptions:
         }
         self._add_context(data, gains.origin.system, [names[k] for k in given], idle)
         moved = [names[k] for k in given]
-        for joint, actuator in (_recognised(body, moved) | self._actuators(moved)).items():
+        of_file = {names[k]: gains.named[k] for k in given if k < len(gains.named) and gains.named[k]}
+        for joint, actuator in (_recognised(body, moved) | of_file | self._actuators(moved)).items():
             data["joints"][joint] = {"actuator": actuator, **data["joints"].get(joint, {})}
         for key, pattern, value in self.of_joints:
             for k in select(pattern, moved, f"{option_name(key)} {pattern}={value:g}"):
@@ -433,8 +434,14 @@ def _as_the_file_says(options: AuditOptions, found: JointGains, source: Path) ->
             raise GainroomError(
                 f"--rate-hz {options.rate_hz:g}: the gains of {source} run on the drive: leave it out, or say where with --gains-run"
             )
+        if origin.gains_run == "drive" and origin.drive_rate_hz is None:
+            raise GainroomError(
+                f"{source}: servos compute with their registers themselves: give the rate and delay of their loop, drive_rate_hz and "
+                "drive_delay_ms there, or --gains-run drive --drive-rate-hz N --drive-delay-ms N"
+            )
         options = replace(options, gains_run=origin.gains_run, drive_rate_hz=origin.drive_rate_hz, drive_delay_ms=origin.drive_delay_ms)
         read.append(f"{options.where_gains_run}, as {source} has it: --gains-run says another")
+    read += origin.converted
     if origin.required:
         options = replace(options, required=origin.required)
         read.append(f"what is required goes along with {source} ({', '.join(origin.required)}): options of limits say another")

@@ -31,9 +31,15 @@ PARTS = {
     "damping": ("the gearboxes' damping", "--damping"),
     "effort_limit": ("limits of the torque", ""),
     "link_viscous": ("the links' friction", ""),
+    "motor_viscous": ("the motors' friction and back-EMF", ""),
+    "actuator": ("the actuators' names", "--actuator"),
 }
 """Properties of an actuator that a file of gains may hold: title and option of `gainroom audit`; "": no option has it."""
-WITHOUT_OPTION = {"effort_limit": "no margin depends on them, set them there", "link_viscous": "only yaml holds it"}
+WITHOUT_OPTION = {
+    "effort_limit": "no margin depends on them, set them there",
+    "link_viscous": "only yaml holds it",
+    "motor_viscous": "only yaml holds it",
+}
 MOST_IN_PATTERN = 150
 """Maximum length of the names in one pattern [characters]."""
 LINE = 120
@@ -245,14 +251,16 @@ def _damping_notes(found: GainFile, goal: ExportedGains) -> list[str]:
     return [f"{counted}: audit it without --joint-damping, and set that damping to 0 where a simulator runs these gains"]
 
 
-def _same(one: float, other: float | None) -> bool:
-    """True if two gains agree to AGREEMENT."""
+def _same(one: float | str, other: float | str | None) -> bool:
+    """True if two gains agree to AGREEMENT, or two names are one."""
+    if isinstance(one, str) or isinstance(other, str):
+        return one == other
     return other is not None and (one == other or abs(one - other) <= AGREEMENT * abs(one))
 
 
-def _flags(option: str, values: Mapping[str, float], every: Collection[str] = ()) -> list[str]:
+def _flags(option: str, values: Mapping[str, Any], every: Collection[str] = ()) -> list[str]:
     """Flags of an option for joints by name, joints with equal values together; a number alone if `every` joint has it."""
-    groups: dict[float, list[str]] = {}
+    groups: dict[float | str, list[str]] = {}
     for name, value in values.items():
         groups.setdefault(value, []).append(name)
     if len(groups) == 1 and len(values) == len(every):
@@ -266,8 +274,10 @@ def _flags(option: str, values: Mapping[str, float], every: Collection[str] = ()
     return result
 
 
-def _typed(value: float) -> str:
-    """Number as text for a command-line option."""
+def _typed(value: float | str) -> str:
+    """Number or name as text for a command-line option."""
+    if isinstance(value, str):
+        return value
     return "inf" if math.isinf(value) else written(value)
 
 

@@ -44,6 +44,7 @@ class JointGains:
     """Gains of n joints, each (n,), units as Gain; 0 where a joint has none.
 
     actuators   of each joint what the file names of ACTUATOR
+    named       (n,) actuators that the file names; "" where it names none
     origin      where the file says that they run, and at which rate
     postures    that the file names: by name, angles by joint
     unread_postures   those that are not understood: by name, why
@@ -53,6 +54,7 @@ class JointGains:
     kd: Floats
     ki: Floats
     actuators: tuple[Mapping[str, float], ...]
+    named: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     origin: Origin = field(default=Origin())
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -152,15 +154,18 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
     """
     columns = {name: np.zeros(len(joint_names)) for name in ("kp", "kd", "ki")}
     actuators: list[dict[str, float]] = [{} for _ in joint_names]
+    named = [""] * len(joint_names)
     for k, matches in enumerate(file.matched(joint_names)):
         if matches:
             for name, column in columns.items():
                 column[k] = getattr(matches[-1], name)
             for match in matches:
+                named[k] = match.actuator or named[k]
                 actuators[k] |= {key: value for key in ACTUATOR if (value := getattr(match, key)) is not None}
     found = JointGains(
         **columns,
         actuators=tuple(actuators),
+        named=tuple(named),
         notes=file.notes_for(joint_names),
         origin=file.origin,
         postures=file.postures_for(joint_names),

@@ -21,9 +21,9 @@ def joint_gains(text: str, data: Mapping[str, Any], source: str) -> GainFile:
         raise GainroomError(f"{source}: control.type: {type_of(law)} has other gains than this form holds; c and markdown hold any type")
     if control.feedback.mixed:
         raise GainroomError(f"{source}: control.feedback: this form holds gains on one encoder; c and markdown hold both")
-    gains = {name: float(getattr(law, name)) for name in law.gain_names()}
-    parts = {name: float(getattr(joint, name)) for name in ("motor_inertia", "stiffness", "damping", "link_viscous")}
-    known = {name: value for name, value in parts.items() if value}
+    gains: dict[str, Any] = {name: float(getattr(law, name)) for name in law.gain_names()}
+    parts = {name: float(getattr(joint, name)) for name in ("motor_inertia", "stiffness", "damping", "link_viscous", "motor_viscous")}
+    known: dict[str, Any] = {name: value for name, value in parts.items() if value}
     place = {} if control.kd_path is None else {
         "gains_run": "split",
         "drive_rate_hz": 1 / control.kd_path.sample_time,

@@ -295,7 +295,9 @@ def _gain_file(result: Audit, found: GainsToUse[Audit]) -> list[str]:
     actuators = result.given_actuators
     inertia = actuators["motor_inertia"]
     own = np.where((inertia > 0) & (inertia != source.body.armature), inertia, math.nan)
-    lines = gain_file(source.joint_names, {**found.gains, **actuators, "motor_inertia": own})
+    rubbed = source.actuators.motor_viscous
+    beside_gains = {"motor_inertia": own, "motor_viscous": np.where(rubbed > 0, rubbed, math.nan)}
+    lines = gain_file(source.joint_names, {**found.gains, **actuators, **beside_gains})
     angles = {} if result.tightest.posture == GIVEN else {name: angle for name, angle in result.angles.items() if angle}
     beside = [f"joint_damping: {result.joint_damping}"] * (result.joint_damping is not None)
     beside += posture_lines(angles) if angles else []

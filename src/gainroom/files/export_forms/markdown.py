@@ -17,6 +17,7 @@ HEADS = GAINS | {
     "stiffness": "stiffness [N·m/rad]",
     "damping": "damping [N·m·s/rad]",
     "link_viscous": "link friction [N·m·s/rad]",
+    "motor_viscous": "motor friction [N·m·s/rad]",
 }
 """Head of each column, by its field of Gain."""
 ROW = re.compile(r"(?<!\\)\|")

@@ -20,7 +20,8 @@ def plain_text(goal: ExportedGains, header: Sequence[str]) -> str:
     lines.append("gains:\n")
     for name, gain in goal.gains.items():
         given = {key: value for key, value in vars(gain).items() if key in ("kp", "kd") or value}
-        lines.append(f"  {quoted(name)}: {{{', '.join(f'{key}: {number_text(value)}' for key, value in given.items())}}}\n")
+        values = {key: quoted(value) if isinstance(value, str) else number_text(value) for key, value in given.items()}
+        lines.append(f"  {quoted(name)}: {{{', '.join(f'{key}: {value}' for key, value in values.items())}}}\n")
     return f"{commented(header)}{''.join(lines)}"
 
 

@@ -8,9 +8,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field
 
 from ...errors import first_of_many
-from ...io.validation import SEPARATELY, NotNegative, Positive, Section, number, refusal
+from ...io.validation import SEPARATELY, Name, NotNegative, Positive, Refusals, Section, number, refusal, relation
 from ...io.yaml_text import shown
 from ...robot.name_patterns import DEFAULT, assign, select_all
+from ..actuator_facts import actuators, unknown_actuator
 from ..system_sections import Stiffness
 
 NOT_NEGATIVE = number(least=0)
@@ -18,7 +19,7 @@ ANGLE = number(least=-1e4, most=1e4)
 GAINS_RUN = ("host", "drive", "split")
 JOINT_DAMPING = ("controller", "friction")
 """Meanings of the joint damping in a model file: a part of the controller's kd, or friction of the links."""
-ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous")
+ACTUATOR = ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous", "motor_viscous")
 """Properties of a joint's actuator that a file of gains may hold, by their keys in a robot.yaml."""
 
 
@@ -27,7 +28,8 @@ class Gain:
     """Gains of one joint [N m/rad], [N m s/rad], [N m/(rad s)].
 
     Where the file names them also its reflected motor inertia [kg m²], the limit of its torque [N m], stiffness [N m/rad] and damping
-    [N m s/rad] of its gearbox and the viscous friction of its link [N m s/rad].
+    [N m s/rad] of its gearbox, the viscous friction of its link and of its motor [N m s/rad], and the actuator, a name in
+    actuator_facts.py.
     """
 
     kp: float
@@ -38,6 +40,8 @@ class Gain:
     stiffness: float | None = None
     damping: float | None = None
     link_viscous: float | None = None
+    motor_viscous: float | None = None
+    actuator: str | None = field(default=None, kw_only=True)
 
 
 class GainSection(Section):
@@ -53,9 +57,16 @@ class GainSection(Section):
     stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad]")
     damping: NotNegative | None = Field(None, description="of the gearbox [N m s/rad]")
     link_viscous: NotNegative | None = Field(None, description="of the link [N m s/rad]")
+    motor_viscous: NotNegative | None = Field(None, description="of the motor, on the joint side [N m s/rad]")
+    actuator: Name | None = Field(None, description="a name of `gainroom actuators`, whose published figures stand for what is not given")
+
+    @relation
+    def _known_actuator(self) -> Refusals:
+        if self.actuator is not None and self.actuator not in actuators():
+            yield refusal(unknown_actuator(self.actuator), key="actuator")
 
 
-def _pair(value: object) -> object:
+def as_pair(value: object) -> object:
     """[kp, kd] as a section."""
     if isinstance(value, list):
         if len(value) != 2:
@@ -64,7 +75,7 @@ def _pair(value: object) -> object:
     return value
 
 
-AnyGain = Annotated[GainSection, BeforeValidator(_pair), SEPARATELY]
+AnyGain = Annotated[GainSection, BeforeValidator(as_pair), SEPARATELY]
 """Gains of a joint or pattern in YAML or JSON."""
 
 
@@ -83,6 +94,7 @@ class Origin:
     whole_kd         no damping of the model is to be added to these kd
     gearboxes        types of those that lie in ranges, as --gearbox takes them
     required         limits that they were judged by, each as --require takes it, where those are not the usual
+    converted        sentences on gains that the file has in other units
     """
 
     robot: str = ""
@@ -96,6 +108,7 @@ class Origin:
     whole_kd: bool = False
     gearboxes: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
+    converted: tuple[str, ...] = ()
     system: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -241,4 +241,5 @@ def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str
 def _gain(values: Mapping[str, Any], owner: str) -> Gain:
     kp, kd, ki = (checked(f"{owner}.{key}", values.get(key) or 0.0, NOT_NEGATIVE) for key in ("kp", "kd", "ki"))
     given = {key: value for key in ACTUATOR if (value := values.get(key)) is not None and value != math.inf}
-    return Gain(kp, kd, ki, **{key: checked(f"{owner}.{key}", value, NOT_NEGATIVE) or None for key, value in given.items()})
+    actuator: dict[str, Any] = {key: checked(f"{owner}.{key}", value, NOT_NEGATIVE) or None for key, value in given.items()}
+    return Gain(kp, kd, ki, **actuator)

@@ -190,7 +190,7 @@ def _pid(node: Mapping[str, Any], owner: str) -> Gain:
     with Together() as together:
         numbers = [together.step(partial(checked, f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE)) for term in TERMS]
         refuse_all(wrong)
-        gains = {name: each() for name, each in zip(TERMS.values(), numbers, strict=True)}
+        gains: dict[str, Any] = {name: each() for name, each in zip(TERMS.values(), numbers, strict=True)}
     return Gain(**gains, effort_limit=_clamp(node))
 
 
