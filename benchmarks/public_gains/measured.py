@@ -1,14 +1,19 @@
 """Numbers of a row: where each reading of it vibrates. They are those of the row's command, without its search for gains to use instead."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gainroom.errors import GainroomError
 from gainroom.files.audit_options import audited
 from gainroom.studies.loop_numbers import limit_of
 from gainroom.studies.state import state_of
+from gainroom.studies.worst_place import try_places
+from gainroom.system.requirements import Requirements
 
-from .rows import DELAYS, DRIVE, Row
+from .rows import DELAYS, GEARS, HOST, Row
+
+ENOUGH = 10 ** (6 / 20)
+"""Factor that `audit` asks for: 6 dB."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +24,7 @@ class Numbers:
     frequency   of that vibration [Hz]
     joints      that move most in it, the first first
     delay       from measurement to torque from which these gains vibrate [ms]; 0: without delay, too; inf: at none
-    factors     on all gains at each of DELAYS, of readings on the host
+    factors     on all gains at each of DELAYS, of the reading on the host
     """
 
     factor: float
@@ -33,10 +38,14 @@ def numbers(row: Row, model: str, reading: str) -> Numbers:
     """Numbers of a row in one of its readings. Raises GainroomError, one line."""
     system = audited(model, row.gains, row.options(reading)).system
     ((posture, contact),) = system.source.states
+    if reading == GEARS:
+        system = replace(system, requirements=Requirements(gain_margin=ENOUGH))
+        worst = try_places(system, [state_of(system, posture, contact)]).worst
+        system = system.at(worst.place)
     state = state_of(system, posture, contact, ("margins",))
     if not all(state.model.motor_inertia > 0):
         raise GainroomError(f"{row.name}: a joint has no motor inertia: name its actuator, or leave its gains out")
-    delays = () if reading == DRIVE else DELAYS
+    delays = DELAYS if reading == HOST else ()
     at = {delay: limit_of(system.with_values(delay=1e-3 * delay).loop(state.model, state.controller)).gain for delay in delays}
     frequency = state.limit.frequency / (2 * math.pi)
     return Numbers(state.limit.gain, frequency, state.limiting_joints, 1e3 * state.delay_limit, at)

@@ -7,14 +7,12 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 
-from .measured import Numbers
-from .rows import ASSUMED_DRIVE, ASSUMED_RATE, BARE, DELAY, DELAYS, DRIVE, HOST, PLACES, Row
+from .measured import ENOUGH, Numbers
+from .rows import ASSUMED_DRIVE, ASSUMED_RATE, BARE, DELAY, DELAYS, DRIVE, GEARS, HOST, PLACES, Row
 
 PICTURE = "images/public-gains.svg"
 COLOURS = {"drive": "#0072B2", "host": "#D55E00", "simulation": "#999999"}
 WORDS = {"drive": "run in the drives", "host": "run on the host", "simulation": "of a simulation"}
-ENOUGH = 2.0
-"""Factor that `audit` asks for: 6 dB."""
 LATER = 1.5
 """Multiple of the given delay."""
 SHORTEST = 0.03
@@ -28,7 +26,7 @@ def verdict(row: Row, reading: str, one: Numbers) -> str:
     """Verdict on a reading: fine with ENOUGH headroom in the gains and LATER in the delay."""
     if one.factor < 1:
         return "vibrates"
-    given = row.drive["delay"] if reading == DRIVE else DELAY
+    given = row.drive["delay"] if row.in_drive(reading) else DELAY
     return "fine" if one.factor >= ENOUGH and one.delay >= LATER * given else "tight"
 
 
@@ -42,7 +40,6 @@ def page(found: Sequence[tuple[Row, Found]], left_out: Sequence[str]) -> str:
             delay=f"{DELAY:g}",
             shortest=f"{DELAYS[0]:g}",
             longest=f"{DELAYS[-1]:g}",
-            delays=" / ".join(f"{delay:g}" for delay in DELAYS),
             host_rate=f"{ASSUMED_RATE:g}",
             drive_rate=f"{ASSUMED_DRIVE['rate'] / 1e3:g}",
             drive_delay=f"{ASSUMED_DRIVE['delay']:g}",
@@ -64,16 +61,15 @@ def page(found: Sequence[tuple[Row, Found]], left_out: Sequence[str]) -> str:
 
 
 def _overview(row: Row, found: Found) -> str:
-    host, drive = found[HOST], found.get(DRIVE)
-    factors = " / ".join(_factor(host.factors[delay]) for delay in DELAYS)
+    host, drive, gears = found[HOST], found.get(DRIVE), found.get(GEARS)
     cells = [
-        f"[{row.robot}](#{_anchor(row)})",
-        row.set,
+        f"[{_heading(row)}](#{_anchor(row)})",
         row.run,
-        f"{factors} **{verdict(row, HOST, host)}**",
+        f"{_factor(host.factor)} **{verdict(row, HOST, host)}**",
         _delay(host),
         _first(host, 1),
         "–" if drive is None else f"{_factor(drive.factor)} **{verdict(row, DRIVE, drive)}**",
+        "–" if gears is None else f"{_factor(gears.factor)} {verdict(row, GEARS, gears)}",
         _delay(found[BARE]),
     ]
     return f"| {' | '.join(cells)} |\n"
@@ -96,6 +92,8 @@ def _section(row: Row, found: Found) -> str:
         for reading, one in found.items()
     ]
     commands = "\n".join(row.command(reading) for reading in found)
+    others = ", ".join(f"{_factor(found[HOST].factors[delay])} with {delay:g} ms" for delay in DELAYS)
+    lines.append(f"\nFactor on a host: {others}.")
     table = "\n".join(lines)
     return f"\n### {_heading(row)}\n\n{' '.join(sentences)}\n\n{table}\n\n```sh\n{commands}\n```\n"
 

@@ -25,7 +25,9 @@ ASSUMED_DRIVE = {"rate": 4000.0, "delay": 0.3}
 """Rate [Hz] and delay [ms] of a loop in a drive of which no source says them."""
 NOTHING = 1e-6
 """Motor inertia that stands for none [kg m²]: a thousandth of the smallest link's in any row, and more."""
-HOST, DRIVE, BARE = "host", "drive", "bare"
+HOST, DRIVE, BARE, GEARS = "host", "drive", "bare", "gears"
+VIBRATION_ALONE = "--require phase_margin_deg=none --require peak_sensitivity=none"
+"""Options with which a search over gearboxes looks for the worst gain margin, as the numbers do."""
 PLACES = {
     "drive": "These gains run in the drives.",
     "host": "These gains run on the host.",
@@ -51,13 +53,18 @@ class Row:
     drive: dict[str, Any] = field(default_factory=lambda: ASSUMED_DRIVE)
     actuators: dict[str, str] = field(default_factory=dict)
     armature: str | None = None
+    gearbox: str | dict[str, str] | None = None
     base: str | None = None
     note: str | None = None
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """Readings of the row: in a drive only where the robot's drives can run kp and kd."""
-        return (HOST, DRIVE, BARE) if self.drive else (HOST, BARE)
+        """Readings of the row: in a drive only where the robot's drives can run kp and kd, elastic where the type of gearbox is known."""
+        return (HOST, *([DRIVE] if self.drive else []), BARE, *([GEARS] if self.gearbox else []))
+
+    def in_drive(self, reading: str) -> bool:
+        """True if kp and kd run in the drive in a reading; elastic gearboxes are read where the gains run."""
+        return reading == DRIVE or (reading == GEARS and self.run == DRIVE)
 
     @property
     def in_checkout(self) -> str:
@@ -83,7 +90,9 @@ class Row:
 
     def title(self, reading: str) -> str:
         """Title of a reading."""
-        return {HOST: "host", DRIVE: "drive", BARE: self.bare}[reading]
+        types = sorted(set(self.gearbox.values())) if isinstance(self.gearbox, dict) else [self.gearbox]
+        elastic = f"{'drive' if self.in_drive(GEARS) else 'host'}, worst {' and '.join(map(str, types))} gearboxes"
+        return {HOST: "host", DRIVE: "drive", BARE: self.bare, GEARS: elastic}[reading]
 
     def actuators_in(self, reading: str) -> dict[str, str]:
         """Actuators that are typed in a reading."""
@@ -91,13 +100,15 @@ class Row:
 
     def options(self, reading: str, delay: float = DELAY) -> AuditOptions:
         """Options of a reading, with `delay` [ms] in the loop or, in a drive, of set-points."""
-        own = {"rate_hz": None, "drive_rate_hz": self.drive["rate"], "drive_delay_ms": self.drive["delay"]} if reading == DRIVE else {}
+        drive = self.in_drive(reading)
+        own = {"rate_hz": None, "drive_rate_hz": self.drive["rate"], "drive_delay_ms": self.drive["delay"]} if drive else {}
         bare = reading == BARE and self.armature != "model"
+        gears = self.gearbox if reading == GEARS and self.gearbox else "direct"
         return AuditOptions(
             delay,
-            **{"rate_hz": float(self.rate), "gains_run": DRIVE if reading == DRIVE else HOST, **own},
+            **{"rate_hz": float(self.rate), "gains_run": DRIVE if drive else HOST, **own},
             base=self.base,
-            gearboxes=("direct",),
+            gearboxes=(gears,) if isinstance(gears, str) else tuple(f"{pattern}={kind}" for pattern, kind in gears.items()),
             actuators=tuple(f"{pattern}={name}" for pattern, name in self.actuators_in(reading).items()),
             of_joints=(("motor_inertia", ".*", NOTHING),) if bare else (),
         )
@@ -107,6 +118,8 @@ class Row:
         asked = self.options(reading)
         model = shlex.quote(self.model) if self.repository is None else f'"{CHECKOUTS}/{self.in_checkout}"'
         words = ["gainroom audit", model, "--gains", f"{FROM_CLONE}:rows.{self.name}.audit", *_words(asked)]
+        if reading == GEARS:
+            words.append(VIBRATION_ALONE)
         return " ".join(words)
 
     @property
