@@ -63,12 +63,11 @@ def page(found: Sequence[tuple[Row, Found]], left_out: Sequence[str]) -> str:
 def _overview(row: Row, found: Found) -> str:
     host, drive, gears = found[HOST], found.get(DRIVE), found.get(GEARS)
     cells = [
-        f"[{_heading(row)}](#{_anchor(row)})",
-        row.run,
-        f"{_factor(host.factor)} **{verdict(row, HOST, host)}**",
+        f"[{_heading(row)}](#{_anchor(row)}) ({row.run})",
+        f"{_factor(host.factor)} {verdict(row, HOST, host)}",
         _delay(host),
         _first(host, 1),
-        "–" if drive is None else f"{_factor(drive.factor)} **{verdict(row, DRIVE, drive)}**",
+        "–" if drive is None else f"{_factor(drive.factor)} {verdict(row, DRIVE, drive)}",
         "–" if gears is None else f"{_factor(gears.factor)} {verdict(row, GEARS, gears)}",
         _delay(found[BARE]),
     ]
