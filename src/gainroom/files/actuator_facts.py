@@ -8,7 +8,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -146,10 +146,14 @@ class Actuator:
     @property
     def sentence(self) -> str:
         """Sentence on what the figures say, and on which grade that rests."""
+        return self.sentence_of(("motor_inertia", "stiffness", "damping"))
+
+    def sentence_of(self, names: Collection[str]) -> str:
+        """Sentence on the quantities `names`."""
         parts = []
         for name, unit in (("motor_inertia", UNITS["reflected_inertia"]), ("stiffness", UNITS["stiffness"]), ("damping", UNITS["damping"])):
             one = self.used(name)
-            if one is not None:
+            if one is not None and name in names:
                 value = f"{digits(one.low, '', 3)} to {digits(one.high, unit, 3)}" if one.is_range else digits(one.value, unit, 3)
                 parts.append(f"{name.replace('_', ' ')} {value} ({one.grade})")
         return f"{self.title}: {', '.join(parts)}" if parts else f"{self.title}: neither motor inertia nor stiffness is published"
@@ -176,15 +180,20 @@ class KnownRobot:
         found = {name: actuator for name in names for pattern, actuator in self.joints.items() if re.fullmatch(pattern, name)}
         return {name: actuator for name, actuator in found.items() if actuator is not None}
 
-    def is_of(self, names: Sequence[str], called: str) -> bool:
-        """True if all of `names` are joints of the robot, those among them that tell it, and `called` has its name where that is needed."""
+    def is_of(self, names: Sequence[str], every: Sequence[str], called: Sequence[str]) -> bool:
+        """True if all of `names` are its joints, and `every` and `called`, as recognised has them, tell it from others."""
         all_its = all(any(re.fullmatch(pattern, name) for pattern in self.joints) for name in names)
-        return all_its and set(self.has) <= {*names} and re.search(self.named, called, re.IGNORECASE) is not None
+        word = rf"(?<![a-z0-9])({self.named})(?![a-z0-9])"
+        return all_its and set(self.has) <= {*every} and (not self.named or any(re.search(word, name, re.IGNORECASE) for name in called))
 
 
-def recognised(names: Sequence[str], called: str) -> KnownRobot | None:
-    """Known robot with joints of these names; `called`: the names that the model has; None where none is, or several are."""
-    found = [robot for robot in known_robots() if robot.is_of(names, called)]
+def recognised(names: Sequence[str], every: Sequence[str], called: Sequence[str]) -> KnownRobot | None:
+    """Known robot with joints `names` of a model; None where none is, or several are.
+
+    every    all joints of the model
+    called   names of the model, its file and its folder
+    """
+    found = [robot for robot in known_robots() if robot.is_of(names, every, called)]
     return found[0] if len(found) == 1 else None
 
 
@@ -221,16 +230,16 @@ def _figure(data: Mapping[str, Any]) -> Figure:
 
 
 def grades_of(names: Iterable[str]) -> str:
-    """Grades on which the motor inertias of the actuators `names`, one per joint, rest: "datasheet (23 joints), inferred (6)"."""
+    """Grades of the motor inertias of the actuators `names`, one per joint, all published: "datasheet (23 joints), inferred (6)"."""
     counts = Counter(used.grade for name in names if (used := actuators()[name].used("motor_inertia")) is not None)
-    first, *others = [f"{grade} ({counts[grade]}{{}})" for grade in GRADES if counts[grade]] or ["not published{}"]
+    first, *others = [f"{grade} ({counts[grade]}{{}})" for grade in GRADES if counts[grade]]
     return ", ".join([first.format(" joints" if sum(counts.values()) > 1 else " joint"), *(each.format("") for each in others)])
 
 
 def published_notes(entries: Sequence[ActuatorEntry], names: Sequence[str]) -> list[str]:
     """Sentences on joints whose motors and gearboxes are those of published figures; `entries` and `names` of the joints, (n,)."""
-    joints: dict[str, list[str]] = {}
+    joints: dict[tuple[str, frozenset[str]], list[str]] = {}
     for name, entry in zip(names, entries, strict=True):
-        if entry.actuator is not None and entry.published:
-            joints.setdefault(entry.actuator, []).append(name)
-    return [f"{first_of_many(where)}: {actuators()[actuator].sentence}" for actuator, where in joints.items()]
+        if entry.actuator is not None and (taken := entry.published - {"effort_limit"}):
+            joints.setdefault((entry.actuator, taken), []).append(name)
+    return [f"{first_of_many(where)}: {actuators()[actuator].sentence_of(taken)}" for (actuator, taken), where in joints.items()]

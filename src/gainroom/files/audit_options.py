@@ -27,7 +27,7 @@ from ..robot.linkage import ties_base
 from ..robot.name_patterns import DEFAULT, select, select_all
 from ..system.plausibility import NO_STIFFNESS
 from ..system.system import Balance, System
-from .actuator_facts import actuators, grades_of, recognised, unknown_actuator
+from .actuator_facts import KnownRobot, actuators, grades_of, recognised, unknown_actuator
 from .file_types import kind_of_file, wrong_kind
 from .gain_context import BALANCE, GROUPS, JOINT_KEYS
 from .gain_files import JointGains, gains_of, read_gains
@@ -210,8 +210,9 @@ class AuditOptions:
         self._add_context(data, gains.origin.system, [names[k] for k in given], idle)
         moved = [names[k] for k in given]
         of_file = {names[k]: gains.named[k] for k in given if k < len(gains.named) and gains.named[k]}
+        typed = {key: value for key in JOINT_VALUES if (value := getattr(self, key)) is not None}  # wins over what is published
         for joint, actuator in (_recognised(body, moved) | of_file | self._actuators(moved)).items():
-            data["joints"][joint] = {"actuator": actuator, **data["joints"].get(joint, {})}
+            data["joints"][joint] = {"actuator": actuator, **typed, **data["joints"].get(joint, {})}
         for key, pattern, value in self.of_joints:
             for k in select(pattern, moved, f"{option_name(key)} {pattern}={value:g}"):
                 data["joints"].setdefault(moved[k], {})[key] = value
@@ -313,6 +314,13 @@ class Audited:
     options: AuditOptions
     motors: str = ""
 
+    def actuator_facts(self, joint: str) -> dict[str, Any]:
+        """Actuator of a joint, a name in `gainroom actuators`, and which of the joint's numbers are its published figures, for JSON."""
+        name = named_actuators(self.sections).get(joint)
+        if name is None:
+            return {"actuator": None, "published": []}
+        return {"actuator": name, "published": sorted(actuators()[name].entry().published - self.sections["joints"][joint].keys())}
+
 
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     """Robot with the gains that it has; joints without gains are held.
@@ -393,18 +401,32 @@ def _body_with_gains(path: Path, file: GainFile, base: Base | None) -> tuple[Rig
 
 def _motors(body: RigidBody, sections: Mapping[str, Any]) -> str:
     """Sentence on the actuators whose published figures count, and their grades; "" where there are none."""
-    joints = {name: own["actuator"] for name, own in sections["joints"].items() if isinstance(own, dict) and "actuator" in own}
-    taken = {name: actuator for name, actuator in joints.items() if "motor_inertia" not in sections["joints"][name]}
+    taken = {
+        name: actuator
+        for name, actuator in named_actuators(sections).items()
+        if "motor_inertia" not in sections["joints"][name] and actuators()[actuator].used("motor_inertia") is not None
+    }
     if not taken:
         return ""
-    robot = recognised(body.joint_names, f"{body.source} {body.model.name}")
+    robot = _known_robot(body, [*sections["control"]["kp"]])
     whose = f"the joints are those of {robot.title}, and its" if robot is not None and robot.of_joints([*taken]) == taken else "the"
     return f"{whose} motors' inertias are published figures: {grades_of(taken.values())} (--actuator)"
 
 
+def named_actuators(sections: Mapping[str, Any]) -> dict[str, str]:
+    """Name of the actuator of each joint that has one in the sections of an audit."""
+    return {name: own["actuator"] for name, own in sections["joints"].items() if isinstance(own, dict) and "actuator" in own}
+
+
+def _known_robot(body: RigidBody, names: Sequence[str]) -> KnownRobot | None:
+    """Known robot whose joints with gains are `names`; None where it is not known."""
+    path = Path(body.source)
+    return recognised(names, body.every_joint, (body.model.name, path.stem, path.parent.name))
+
+
 def _recognised(body: RigidBody, names: Sequence[str]) -> dict[str, str]:
     """Actuator of each joint of `names` whose motor the model does not describe, where its robot is known; {} where it is not."""
-    robot = recognised(names, f"{body.source} {body.model.name}")
+    robot = _known_robot(body, names)
     if robot is None:
         return {}
     silent = {name for name, armature in zip(body.joint_names, body.armature.tolist(), strict=True) if armature == 0}

@@ -34,6 +34,7 @@ from ..system.linear.state_space import split_delay
 from ..system.requirements import NOISE_SHARE, Requirements
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
+from .actuator_facts import published_notes
 from .file_types import parse_as
 from .law_section import LawSection
 from .system_sections import (
@@ -58,6 +59,8 @@ if TYPE_CHECKING:
     from .joint_scenario import ScenarioSection
 
 STIFFNESS = "the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way"
+"""What joint.stiffness is, for messages."""
+MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
 """Keys of `joint` for the inertia of its motor."""
 LAW = "lti"
 """Type of a law in plain numbers."""
@@ -171,7 +174,7 @@ class JointSection(GearboxSection):
 
     def inertia(self) -> float:
         """Inertia of the motor on the joint side [kg m²]. Raises GainroomError if it is not described, or in two ways."""
-        inertia = self.entry().reflected("joint")
+        inertia = self.entry(MOTOR).reflected("joint")
         if inertia is None:
             raise GainroomError(
                 "joint.motor_inertia is missing: the motor's on the joint side [kg·m²], a number > 0; or give rotor_inertia with gear_ratio"
@@ -185,11 +188,12 @@ class JointSection(GearboxSection):
 
     def spring(self, name: str) -> float:
         """Stiffness [N m/rad] or damping [N m s/rad] of the gearbox: given, else published. Raises UnjudgedError for no stiffness."""
-        published = None if self.facts is None or name in self.model_fields_set else getattr(self.facts.entry(), name)
-        value = getattr(self, name) if published is None else published
-        if value is None:
+        if self.is_given(name) and name in self.model_fields_set:
+            return getattr(self, name)
+        value = getattr(self.entry(), name)
+        if value is None and name == "stiffness":
             raise UnjudgedError(name)
-        return value
+        return value or 0.0
 
 
 def _one_side_or_more(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -341,7 +345,7 @@ class JointFile(SystemFile[JointControl, JointUncertaintySection]):
                 bounds=GainBounds() if self.gain_bounds is None else GainBounds(**self.gain_bounds.given),
                 asks=self.control.asks,
                 entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
-                assumptions=() if self.joint.facts is None else (self.joint.facts.sentence,),
+                assumptions=tuple(published_notes([self.joint.entry()], ["joint"])),
             )
             paths = {"kd_path": path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
             clock = {"sampling_in_delay": self.drive.delay_includes_sampling, "continuous": self.drive.clock == "continuous"}

@@ -103,9 +103,9 @@ class GearboxSection(Section):
             raise UnjudgedError("actuator")
         return actuators()[self.actuator]
 
-    def entry(self) -> ActuatorEntry:
-        """Actuator entry in SI with the given values, completed by the figures of the actuator that is named."""
-        names = set(ActuatorEntry.__dataclass_fields__) - {"actuator"}
+    def entry(self, keys: Sequence[str] = ()) -> ActuatorEntry:
+        """Actuator entry in SI with the given values, of `keys` alone where they are named, completed by published figures."""
+        names = set(keys or ActuatorEntry.__dataclass_fields__) - {"actuator"}
         own = ActuatorEntry(**self.model_dump(include=names, exclude_unset=True))
         return own if self.facts is None else own.over(self.facts.entry())
 

@@ -455,7 +455,7 @@ class AuditPresentation(Presentation):
             "posture": result.angles,
             "base": system.source.body.base,
             "system": gain_context(self.of.sections, system),
-            "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
+            "joints": [facts(AUDITED_JOINT, joint) | self.of.actuator_facts(joint.name) for joint in result.joints],
             "states": [facts(audited_states(result.enough_in), state) for state in result.states + result.immobile],
             **self._further_facts(),
             "gearbox_range": range_facts(result),

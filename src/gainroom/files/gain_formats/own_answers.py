@@ -12,6 +12,7 @@ from ...io.validation import checked, number, require_one_of
 from ...io.yaml_text import shown
 from ...robot.gearbox_types import TYPES
 from ...system.requirements import REQUIREMENTS, Requirements
+from ..actuator_facts import actuators as known_actuators, unknown_actuator
 from ..gain_context import read_gain_context
 from ..typed_requirements import unusual_limits
 from .gain_record import ACTUATOR, ANGLE, GAINS_RUN, JOINT_DAMPING, NOT_NEGATIVE, Gain, GainFile, Origin, postures_of
@@ -98,7 +99,8 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
             for name, entry in _named(instead, "joints", f"{source}: to_use").items():
                 actuator = {key: getattr(gains[name], key) if name in gains else None for key in ACTUATOR}
                 new = _gain({**entry, **actuator}, f"{source}: to_use.joints.{shown(name)}")
-                gains[name] = replace(new, stiffness=actuator["stiffness"])  # which may be rigid
+                named = gains[name].actuator if name in gains else None
+                gains[name] = replace(new, stiffness=actuator["stiffness"], actuator=named)  # it may be rigid
             margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
             if data.get("rigid_gearboxes"):
                 margins += f"; with rigid gearboxes of {first_of_many(tuple(map(str, data['rigid_gearboxes'])))}: audit them with yours"
@@ -240,6 +242,10 @@ def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str
 
 def _gain(values: Mapping[str, Any], owner: str) -> Gain:
     kp, kd, ki = (checked(f"{owner}.{key}", values.get(key) or 0.0, NOT_NEGATIVE) for key in ("kp", "kd", "ki"))
-    given = {key: value for key in ACTUATOR if (value := values.get(key)) is not None and value != math.inf}
+    name, published = values.get("actuator"), values.get("published")
+    if name is not None and name not in known_actuators():
+        raise GainroomError(f"{owner}.actuator: {unknown_actuator(str(name))}")
+    left = published if name is not None and isinstance(published, list) else []
+    given = {key: value for key in ACTUATOR if key not in left and (value := values.get(key)) is not None and value != math.inf}
     actuator: dict[str, Any] = {key: checked(f"{owner}.{key}", value, NOT_NEGATIVE) or None for key, value in given.items()}
-    return Gain(kp, kd, ki, **actuator)
+    return Gain(kp, kd, ki, **actuator, actuator=name)
