@@ -85,6 +85,18 @@ def test_pinocchios_model_is_the_urdfs(capsys):
     assert [joint["gain_limit"] for joint in found["joints"]] == pytest.approx([joint["gain_limit"] for joint in expected["joints"]])
 
 
+def test_a_continuous_joint_of_pinocchio_has_no_limits():
+    """Its position is a cosine and a sine, of which the limits are."""
+    from gainroom.robot.formats.in_memory import mjcf_of
+
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRUBY(), pin.SE3.Identity(), "wheel")
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(2.0, 0.1, 0.2, 0.4), pin.SE3.Identity())
+    compiled = mujoco.MjModel.from_xml_string(mjcf_of(model))
+    assert not compiled.jnt_limited[0]
+    assert compiled.jnt_axis[0] == pytest.approx([0, 1, 0])
+
+
 def test_every_joint_type_of_pinocchio_keeps_its_dynamics():
     """Mass matrices of a sample of joint types, at random positions, beside those of the text that MuJoCo compiles."""
     from gainroom.robot.formats.in_memory import mjcf_of
@@ -138,6 +150,9 @@ def test_gains_are_taken_as_people_hold_them(file: Path):
         ("leg", {"hip": 3}, ["gains: 'hip': 3 must be {'kp': …, 'kd': …} or (kp, kd)"]),
         ("leg", {"hpi": (3, 1)}, ["hpi"]),
         ("leg", {"hip": (-3, 1)}, ["hip", "-3"]),
+        ("leg", {"hip": {"kp": None}}, ["gains: 'hip'", "must be"]),
+        ("leg", {"hip": (1, 2, 3)}, ["gains: 'hip'", "must be"]),
+        ("leg", (None, 5), ["gains: must be"]),
     ],
 )
 def test_what_is_not_taken_is_one_line(file: Path, model, gains, words: list[str]):

@@ -51,7 +51,7 @@ def audit(
     require: Mapping[str, float | None] | None = None,
     progress: Progress = quiet,
 ) -> Audit:
-    """Are the gains that a robot already has safe? The numbers of `gainroom audit`, whose options these are in SI.
+    """Audit of the gains that a robot already has: whether they are safe. Numbers are those of `gainroom audit`, options its own in SI.
 
     model      a path, PACKAGE:FILE or a name of robot_descriptions; an MjModel, an MjSpec or a pinocchio.Model
     gains      a path; by joint's name or pattern {"kp": …, "kd": …} or (kp, kd); arrays (kp, kd), each (n,) in the order of the model's
@@ -60,14 +60,16 @@ def audit(
     stiffness, damping, motor_inertia   of all joints, or by name or pattern [N m/rad], [N m s/rad], [kg m²]
     gearbox, actuator   type, and name in `gainroom actuators`, of all joints, or by name or pattern
     bandwidth  of the current loops [rad/s]
+    base       "fixed" or "floating"; balance   who damps sway, "joints" or "controller"
     contact    frames on the ground; posture: joint positions by name or pattern [rad; m if prismatic], or a keyframe's name
-    drive_rate, drive_delay   of gains that run on the drive [Hz], [s], with gains_run "drive" or "split"
+    joint_damping   what the model's own damping of joints is, "controller" or "friction"
+    gains_run  where kp and kd run, "host", "drive" or "split"; drive_rate, drive_delay   of those on the drive [Hz], [s]
     require    limits by their names in a file, such as {"gain_margin_db": 8, "peak_sensitivity": None}; None for a limit: not required
 
     Returns the record: `verdict`, `joints`, `to_dict()`; in a notebook it shows as a card. Raises GainroomError, one line.
     """
     options = AuditOptions(
-        1e3 * delay,
+        1e3 * _number("delay", delay),
         rate_hz=rate,
         bandwidth=bandwidth,
         base=base,
@@ -75,7 +77,7 @@ def audit(
         joint_damping=joint_damping,
         gains_run=gains_run,
         drive_rate_hz=drive_rate,
-        drive_delay_ms=None if drive_delay is None else 1e3 * drive_delay,
+        drive_delay_ms=None if drive_delay is None else 1e3 * _number("drive_delay", drive_delay),
         contacts=(contact,) if isinstance(contact, str) else tuple(contact),
         posture=_posture(posture),
         gearboxes=_words(gearbox),
@@ -114,9 +116,18 @@ def read_in_every_way(model: str, gains: Path | None, found: Audited, required: 
 def _of_joints(**values: PerJoint) -> dict[str, Any]:
     """Options of JOINT_VALUES: of all joints, and by pattern."""
     assert tuple(values) == JOINT_VALUES
-    alike = {name: value for name, value in values.items() if not isinstance(value, Mapping)}
+    alike = {name: value if value is None else _number(name, value) for name, value in values.items() if not isinstance(value, Mapping)}
     some = ((name, each) for name, each in values.items() if isinstance(each, Mapping))
-    return {**alike, "of_joints": tuple((name, pattern, float(value)) for name, each in some for pattern, value in each.items())}
+    by_pattern = ((name, str(pattern), _number(f"{name} of {pattern!r}", value)) for name, each in some for pattern, value in each.items())
+    return {**alike, "of_joints": tuple(by_pattern)}
+
+
+def _number(owner: str, value: Any) -> float:
+    """Number of an argument. Raises GainroomError for what is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise GainroomError(f"{owner}: {value!r} must be a number") from None
 
 
 def _words(given: Words) -> tuple[str, ...]:
@@ -128,7 +139,7 @@ def _words(given: Words) -> tuple[str, ...]:
 
 def _posture(given: str | Mapping[str, float] | Sequence[str]) -> tuple[str, ...]:
     if isinstance(given, Mapping):
-        return tuple(f"{pattern}={float(angle)!r}" for pattern, angle in given.items())
+        return tuple(f"{pattern}={_number(f'posture of {pattern!r}', angle)!r}" for pattern, angle in given.items())
     return (given,) if isinstance(given, str) else tuple(given)
 
 
@@ -152,17 +163,18 @@ def _by_name(gains: Mapping[Any, Any]) -> dict[str, dict[str, float | str]]:
     """Gains by joint's name or pattern, from mappings or pairs (kp, kd)."""
     found: dict[str, dict[str, float | str]] = {}
     for name, own in gains.items():
-        given = own if isinstance(own, Mapping) else dict(zip(("kp", "kd"), own, strict=False)) if np.size(own) == 2 else None
-        if given is None:
-            raise GainroomError(f"gains: {name!r}: {own!r} must be {{'kp': …, 'kd': …}} or (kp, kd)")
-        found[str(name)] = {str(key): value if isinstance(value, str) else float(value) for key, value in given.items()}
+        try:
+            given = own if isinstance(own, Mapping) else dict(zip(("kp", "kd"), own, strict=True))
+            found[str(name)] = {str(key): value if isinstance(value, str) else float(value) for key, value in given.items()}
+        except (TypeError, ValueError):
+            raise GainroomError(f"gains: {name!r}: {own!r} must be {{'kp': …, 'kd': …}} or (kp, kd)") from None
     return found
 
 
 def _in_order(gains: Any, names: Sequence[str]) -> dict[str, dict[str, float]]:
     """Gains of joints in the model's order, from arrays (kp, kd)."""
     try:
-        kp, kd = (np.broadcast_to(np.asarray(each, dtype=float), len(names)).tolist() for each in gains)
+        kp, kd = (np.broadcast_to(np.asarray([each], dtype=float)[0], len(names)).tolist() for each in gains if each is not None)
     except (TypeError, ValueError):
         form = f"a path, {{pattern: {{'kp': …, 'kd': …}}}}, or (kp, kd) with one number or {len(names)} each, one per joint"
         raise GainroomError(f"gains: must be {form}: {first_of_many(names)}") from None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import GainroomError
+from ..io.atomic import write_text
 from ..io.strict_json import strict
 from ..studies.audit import Audit
 from ..studies.comparison import Comparison, ComparisonSettings
@@ -37,8 +38,8 @@ class Picture:
     html: str
 
     def save(self, path: Path | str) -> None:
-        """Write the page. Raises OSError."""
-        Path(path).write_text(self.html, "utf-8")
+        """Write the page. Raises GainroomError if it cannot be written."""
+        write_text(Path(path), self.html)
 
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{escape(self.html)}" style="width:100%;height:620px;border:0"></iframe>'

@@ -27,8 +27,7 @@ def largest_root(opened: Opened, alone: System) -> float:
     if few != 1:
         raise GainroomError("the drive's rate must be a multiple of the host's, to be followed sample by sample in a robot")
     sensed, others, size = sensed_state(parts, joint), others_of(parts, joint), parts.plant.size
-    sides = [SENSORS.index(parts.feedback.position), *range(len(sensed.c) - size, len(sensed.c))] if others else [0]
-    sides[0] = SENSORS.index(parts.feedback.position)
+    sides = [SENSORS.index(parts.feedback.position), *(range(len(sensed.c) - size, len(sensed.c)) if others else ())]
     hosts = [joint, *others]
     whole, fraction = split_delay(parts.delays[hosts], slow)
     # Inputs: the joint's command by the host, those of the others, then its command by the drive.

@@ -30,8 +30,8 @@ GROUPS = ("actuators", "articulation", "base_cfg")
 POSTURE = "joint_pos"
 INERTIAS, GEARBOX = ("armature", "motor_inertia"), ("gearbox_stiffness", "gearbox_damping")
 """Keys of the motor's inertia; and of the gearbox, which gainroom's own actuators (trainers) have."""
-LOOP = ("delay", "jitter", "period", "kd_delay", "kd_period", "encoder", "bandwidth")
-"""Keys of gainroom's own actuators for their loop."""
+LOOP = ("delay", "jitter", "period", "kd_delay", "kd_period", "encoder", "bandwidth", "friction", "viscous")
+"""Keys of gainroom's own actuators for their loop and the motor's friction."""
 GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, *INERTIAS, *GEARBOX, "stiffness", "damping", POSTURE, "default_joint_angles")
 """Fields that decide gains: a file that changes one of them in a way that is not followed is refused."""
 WITHOUT_GAINS = {

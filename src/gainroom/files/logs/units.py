@@ -46,6 +46,8 @@ FORMS = {
 UNIT_CHOICES = {
     "angle": "deg, rad, norm/DEGREES (LeRobot's −100 … 100 over the joint's calibrated range) or counts/4096",
     "speed": "deg/s, rad/s or counts/4096/s",
+    "torque": "Nm, or mA*CONSTANT of a current, as 6.5mA*1.2",
+    "time": "s, ms, us or ns",
     "current": "A, mA or 6.5mA (steps of 6.5 mA, as Feetech's STS has; 2.69mA of XM430 and XM540, 1mA of XL330)",
 }
 """Units that a column of the unit UNKNOWN may be in, as messages name them.

@@ -4,6 +4,7 @@ The text has what bears on bodies and joints, with inertias as they are compiled
 """
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
@@ -146,7 +147,7 @@ def _mujoco_equality(model: Any, index: int) -> tuple[str, dict[str, str]]:
 
 
 def _mujoco_actuator(model: Any, index: int) -> dict[str, str]:
-    """Attributes of an actuator of an MjModel. Raises GainroomError for one that is not on a joint, or of its own dynamics."""
+    """Attributes of an actuator of an MjModel. Raises GainroomError for one that is not on a joint, or no affine law of it."""
     name = _name(model.actuator(index), "actuator")
     gain, bias = int(model.actuator_gaintype[index]), int(model.actuator_biastype[index])
     if int(model.actuator_trntype[index]) != _ON_JOINT or gain >= len(_GAINS) or bias >= len(_BIASES):
@@ -201,19 +202,20 @@ def _pinocchio_joint(model: Any, joint: int) -> dict[str, str]:
         return {"type": "free"}
     if "Spherical" in kind and "ZYX" not in kind:
         return {"type": "ball"}
-    turns, letter = "Prismatic" not in kind and "JointModelP" not in kind, kind[-1]
-    if "Unaligned" in kind:
-        data = model.joints[joint].extract() if hasattr(model.joints[joint], "extract") else model.joints[joint]
-        axis = np.asarray(data.axis)
-    elif letter in _AXES and kind.removeprefix("JointModel")[:1] in "RP":
-        axis = np.array(_AXES[letter])
+    own = kind.removeprefix("JointModel")
+    if own.startswith(("RevoluteUnaligned", "RevoluteUnboundedUnaligned", "PrismaticUnaligned")):
+        axis = np.asarray(model.joints[joint].extract().axis)
+    elif re.fullmatch("(R|RUB|P)[XYZ]", own):
+        axis = np.array(_AXES[own[-1]])
     else:
         raise GainroomError(f"model: the joint {model.names[joint]!r} of Pinocchio's type {kind} is no hinge, slide, ball or free joint")
-    found = {"type": "hinge" if turns else "slide", "axis": _text(axis)}
+    found = {"type": "slide" if own.startswith("P") else "hinge", "axis": _text(axis)}
     rotor, ratio = model.rotorInertia[first], model.rotorGearRatio[first]
     found["armature"] = _text(model.armature[first] + rotor * ratio**2)
+    found |= {"damping": _text(model.damping[first]), "frictionloss": _text(model.friction[first])}
     low, high = (getattr(model, f"{end}PositionLimit")[model.joints[joint].idx_q] for end in ("lower", "upper"))
-    if math.isfinite(low) and math.isfinite(high) and low < high and "Unbounded" not in kind:
+    bounded = model.joints[joint].nq == 1  # a continuous joint has cosine and sine, of which the limits are
+    if math.isfinite(low) and math.isfinite(high) and low < high and bounded:
         found |= {"limited": "true", "range": _text(low, high)}
     effort = model.effortLimit[first]
     if math.isfinite(effort) and effort > 0:
