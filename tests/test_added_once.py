@@ -489,7 +489,8 @@ def test_advice_that_changes_the_type_names_it(tmp_path: Path, capsys, observer:
     """Pasted, without what it says to leave out, it is a file that meets every requirement: of a joint and of a robot."""
     limits = "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"
     arm = write_arm(tmp_path)
-    for command, path, text in (("joint", tmp_path / "joint.yaml", KNEE), ("robot", arm, ARM + limits)):
+    missed = KNEE.replace("peak_sensitivity: 2", "peak_sensitivity: 1.3")  # a controller that meets all is left as it is
+    for command, path, text in (("joint", tmp_path / "joint.yaml", missed), ("robot", arm, ARM + limits)):
         for kind in ("unplanned", "dob") if command == "robot" else ("unplanned",):
             path.write_text(text.replace("type: dob", f"type: {kind}"), "utf-8")
             main([command, str(path), "--report", str(tmp_path / "page.html")])
