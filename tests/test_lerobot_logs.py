@@ -126,16 +126,20 @@ def test_quantities_and_units_that_names_say(tmp_path: Path):
     }  # fmt: skip
 
 
-def test_radians_are_taken_as_such_and_larger_numbers_need_a_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """1.5 rad is an angle, 90 is degrees or a part of a range: nobody says."""
+def test_positions_need_a_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """1.5 may be an angle in rad, or a small motion in degrees or parts of a range: nobody says."""
     info(tmp_path)
     file = tmp_path / "data" / "chunk-000" / "file-000.parquet"
-    written(file, {0: episode(0, scale=1.5)})
     options = LogOptions(joints=("elbow_flex",))
-    np.testing.assert_allclose(read_joint(tmp_path, options).joint.channels["reference"], episode(0, scale=1.5)["action"][:, 1])
-    written(file, {0: episode(0)})
     words = ["unit of motor_position and reference", "--units motor_position=UNIT,reference=UNIT", "deg", "norm/DEGREES", "counts/4096"]
-    assert_refused(lambda: read_joint(tmp_path, options), words)
+    for scale in (1.5, 90.0):
+        written(file, {0: episode(0, scale=scale)})
+        assert_refused(lambda: read_joint(tmp_path, options), words)
+        assert_refused(lambda: read_log(tmp_path, options=options), words)
+    written(file, {0: episode(0, scale=1.5)})
+    radians = LogOptions(joints=("elbow_flex",), units={"motor_position": "rad", "reference": "rad"})
+    np.testing.assert_allclose(read_joint(tmp_path, radians).joint.channels["reference"], episode(0, scale=1.5)["action"][:, 1])
+    written(file, {0: episode(0)})
     assert main(["log", str(tmp_path)]) == 0  # which lists the joints
     said = " ".join(capsys.readouterr().out.split())
     for word in ("of 2 joints", "shoulder_pan", "elbow_flex", "The unit of motor_position and reference is not said", "norm/DEGREES"):
@@ -183,9 +187,11 @@ def test_currents_become_torques_by_name(tmp_path: Path):
     info(tmp_path, ["hip.pos", "hip.current"])
     written(tmp_path / "data" / "chunk-000" / "file-000.parquet", {0: episode(0, scale=1.5)})
     columns = {"actual_torque": "observation.state[{joint}.current]"}
-    joint = read_joint(tmp_path, LogOptions(columns=columns, units={"actual_torque": "6.5mA*2"})).joint
+    radians = {"motor_position": "rad", "reference": "rad"}
+    joint = read_joint(tmp_path, LogOptions(columns=columns, units={"actual_torque": "6.5mA*2", **radians})).joint
     np.testing.assert_allclose(joint.channels["actual_torque"], 0.013 * episode(0, scale=1.5)["observation.state"][:, 1], rtol=1e-7)
-    assert "current" not in read_joint(tmp_path).joint.channels  # registers without a unit
+    assert "current" not in read_joint(tmp_path, LogOptions(units=radians)).joint.channels  # registers without a unit
+    assert_refused(lambda: read_joint(tmp_path, LogOptions(columns=columns, units=radians)), ["actual_torque", "Nm, or mA*CONSTANT"])
 
 
 @pytest.mark.slow
@@ -264,4 +270,5 @@ def test_a_snapshot_of_the_hub_has_its_content_in_links(tmp_path: Path):
     for number, file in enumerate(sorted(root.rglob("*.parquet"))):
         file.rename(blobs / str(number))
         file.symlink_to(blobs / str(number))
-    assert read_log(root, options=LogOptions(episode=12)).joint_names == ("shoulder_pan", "elbow_flex")
+    units = {"motor_position": "deg", "reference": "deg"}
+    assert read_log(root, options=LogOptions(episode=12, units=units)).joint_names == ("shoulder_pan", "elbow_flex")

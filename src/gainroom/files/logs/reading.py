@@ -289,9 +289,8 @@ def read_joint(path: Path, options: LogOptions | None = None, progress: Progress
                 f"{path}: has {len(reader.joint_names)} joints and one must be chosen, by --joint NAME: {first_of_many(reader.joint_names)}"
             )
         log = reader.most_excited()
+    _require_units(log, path)
     unknown = {origin.channel for origin in log.origins if origin.unit == UNKNOWN}
-    if unknown - {"current"}:
-        raise GainroomError(f"{path}: {unknown_units(log)}")
     with named(str(path)):
         joint = log.joint()
         joint = replace(joint, channels={name: values for name, values in joint.channels.items() if name not in unknown})
@@ -333,4 +332,12 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None, options: LogO
     if columns:
         options = replace(options, columns={**options.columns, **columns})
     with log_reader(path, options) as reader:
-        return reader.whole()
+        log = reader.whole()
+    _require_units(log, path)
+    return log
+
+
+def _require_units(log: Log, path: Path) -> None:
+    """Raise GainroomError where the unit of a channel other than a current is not known."""
+    if any(origin.unit == UNKNOWN and origin.channel != "current" for origin in log.origins):
+        raise GainroomError(f"{path}: {unknown_units(log)}")

@@ -7,7 +7,6 @@ episodes in a file, told apart by episode_index). Neither says the unit: degrees
 
 import contextlib
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,8 +46,6 @@ SUFFIXES |= {"tau": "effort", "current": "current", "cur": "current"}
 NAMED_UNIT = re.compile(r"(.+?)[_.](rad|deg)")
 NO_JOINTS = ELSEWHERE | {*"xyz", *("qx", "qy", "qz", "qw", "rx", "ry", "rz"), "eef", "quat", "euler", "axis", "orientation", "ori"}
 """Words in the name of an entry that is a hand's place or a base's motion."""
-TURN = 2.1 * math.pi
-"""Largest angle [rad] of a joint that turns once about; numbers beyond are no radians."""
 
 
 class LeRobot(LogFormat):
@@ -223,11 +220,8 @@ class _Episode(Table):
         return own if len(own) == count else [str(k) for k in range(count)]
 
     def _with_units(self, columns: Sequence[Column]) -> list[Column]:
-        """Columns with the unit UNKNOWN where none is said and the positions are no radians; currents are, as registers are logged."""
-        placed = [column.name for column in columns if column.label == "position" and not column.unit]
-        parts = (np.abs(part[np.isfinite(part)]) for every in self.blocks(placed) for part in every)
-        size = max((float(np.max(part, initial=0.0)) for part in parts), default=0.0)
-        unsaid = {"current", *(("position", "velocity") if size > TURN else ())}
+        """Columns with the unit UNKNOWN where none is said: LeRobot's are degrees, parts of a range, counts or radians, by robot."""
+        unsaid = ("position", "velocity", "current")
         return [
             Column(each.name, each.label, each.joint, UNKNOWN, each.commanded) if each.label in unsaid and not each.unit else each
             for each in columns
