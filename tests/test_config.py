@@ -154,7 +154,7 @@ def test_only_the_margins_that_are_named_are_required():
             "stiffness: 1e4",
             "stifness: 1e4",
             "joint.stifness: unknown key",
-            "did you mean stiffness? (allowed: motor_inertia, ",
+            "did you mean stiffness? (allowed: actuator, motor_inertia, ",
         ),
         ("gear_ratio: 100", "motor_inertia: 1", "joint: rotor_inertia has no meaning beside motor_inertia", "give either"),
         ("gear_ratio: 100, ", "", "joint: rotor_inertia needs gear_ratio", "motor_inertia"),

@@ -75,7 +75,7 @@ def test_a_joint(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert found is not None
     run = judged(capsys, "simulate", file)
     control = drawn_joint(kind)["control"]
-    assert (run is None) == ("sample_rate_hz" not in control or "kd_path" in control)
+    assert (run is None) == ("sample_rate_hz" not in control)
     if run is not None:
         agree(found, run, OF_A_RUN)
     described = as_robot(drawn_joint(kind), tmp_path)
