@@ -223,7 +223,7 @@ def test_a_reading_that_cannot_be_computed_does_not_end_the_audit(capsys: pytest
     def fails(*_: object) -> None:
         raise GainroomError("cannot be computed")
 
-    monkeypatch.setattr("gainroom.files.readings.drive_reading", fails)
+    monkeypatch.setattr("gainroom.files.audit_call.drive_reading", fails)
     _, found = told(capsys, leg(*HOST_UNSAFE, **HUMANOID), "--delay-ms", "4", "--rate-hz", "500", "--gearbox", "direct")
     assert (found["verdict"], found["readings"]) == ("unsafe", [])
     assert found["sentence"].startswith("Not safe: stable, but 3 requirements fail: ")
