@@ -317,9 +317,10 @@ class Audited:
     def actuator_facts(self, joint: str) -> dict[str, Any]:
         """Actuator of a joint, a name in `gainroom actuators`, and which of the joint's numbers are its published figures, for JSON."""
         name = named_actuators(self.sections).get(joint)
-        if name is None:
+        published = set() if name is None else actuators()[name].entry().published - self.sections["joints"][joint].keys()
+        if not published - {"effort_limit"}:  # no margin rests on its figures
             return {"actuator": None, "published": []}
-        return {"actuator": name, "published": sorted(actuators()[name].entry().published - self.sections["joints"][joint].keys())}
+        return {"actuator": name, "published": sorted(published)}
 
 
 def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
