@@ -154,7 +154,7 @@ def test_a_law_in_plain_numbers_is_written_and_read_back(joint: Path, tmp_path: 
     found = structure.system((low + high) / 2, system, None)
     row = Row("observer", found, {}, *(math.nan, math.nan, "", None, None, 0, math.nan, math.nan), ("motor",), "host", math.nan, None)
     compared = ComparedJoint.of(system)
-    comparison = Comparison((row,), None, None, system, Ceilings(delay_reserve=1e-3), settings.objective, joint=compared)
+    comparison = Comparison((row,), None, None, system, Ceilings(delay_reserve=1e-3), settings.objective, joint=compared, settings=settings)
     again = parse_comparison(compared_text(comparison, row, joint.read_text("utf-8"), "joint.yaml", "0"), "again.yaml")[0]
     omega = np.geomspace(1.0, 6000.0, 50)
     # 16 digits of every zero and pole: near z = 1, where they gather, the response keeps about 10 of them

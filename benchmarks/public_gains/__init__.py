@@ -1,1 +1,4 @@
-"""What public gains of public robots allow: rows.yaml has them, `python -m benchmarks.public_gains` audits each row and writes its page."""
+"""Delays and factors that public gains of public robots allow: rows.yaml has the gains.
+
+`python -m benchmarks.public_gains` audits each row and writes its page.
+"""

@@ -99,7 +99,8 @@ def gain_of(own: Controller, form: str) -> Gain:
         raise GainroomError(
             f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a controller of type {type_of(own)}; copy as yaml"
         )
-    return Gain(**{name: value for name, value, _ in own_gains(own)})
+    gains: dict[str, Any] = {name: value for name, value, _ in own_gains(own)}
+    return Gain(**gains)
 
 
 def at_point(own: Controller, point: tuple[float, float]) -> Controller:

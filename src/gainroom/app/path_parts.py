@@ -29,7 +29,7 @@ from ..system.system import System
 from .bench import advised, drawn_line, drawn_response, rounded
 
 APPROXIMATE = "both paths together, each a hold and a delay, without aliases; margins are of the exact loop"
-"""What the open loop of two rates is drawn of."""
+"""Model of the open loop of two rates in its picture, in words."""
 SAMPLED_ALONE = "areas: sampled, stable at the nominal values, no margins; no gains are recommended where kd has a path of its own"
 LINES, SAMPLED = 29, 25
 """Lines of one kp in the plane, and values of kd tried on each."""

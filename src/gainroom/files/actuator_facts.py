@@ -73,7 +73,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Used:
-    """What the figures say of one quantity: the value used, the range of those of the same grade, and the grade."""
+    """Value of one quantity that is used, with the range of the figures of its grade, and that grade."""
 
     value: float
     low: float
@@ -102,7 +102,7 @@ class Actuator:
         return next((str(one.low) for one in self._best(self.figures.get(quantity, ()))), "")
 
     def used(self, quantity: str) -> Used | None:
-        """What the figures say of a quantity; None where nothing is published.
+        """Value of a quantity out of the figures; None where nothing is published.
 
         motor_inertia is that of figures on the joint side, or of rotor inertia and ratio where these are of a better grade.
         """

@@ -9,12 +9,10 @@ from ..design.comparison.catalogue import structure_of
 from ..design.comparison.objective import OBJECTIVES, Objective
 from ..errors import GainroomError, digits
 from ..io.validation import Positive, Refusals, Section, number, refusal, relation
-from ..studies.comparison import ComparisonSettings
+from ..studies.comparison import BITS, ComparisonSettings, assumed_noise, assumed_step
 from ..system.system import System
 from .system_sections import GainPathSection
 
-BITS, RATIO = 13, 100.0
-"""Encoder that is assumed where none is given: 2¹³ steps per turn of the motor, behind a gear of this ratio where that is not given."""
 BANDED = "low_frequency_compliance"
 """Objective with an end in frequency."""
 
@@ -63,17 +61,10 @@ class CompareSection(Section):
     def settings(self, system: System) -> ComparisonSettings:
         """Settings of a comparison on the joint of `system`, with an encoder that is assumed where none is given."""
         self.require_right()
-        noise, side = self.sensors.deviations, system.control.feedback.position
-        if side not in noise and not system.drives[0].resolution:
-            noise[side] = assumed_step(system) / math.sqrt(12)
+        noise = assumed_noise(system) | self.sensors.deviations
         below = math.inf if self.below_hz is None else 2 * math.pi * self.below_hz
         path = None if self.drive_path is None else self.drive_path.path()
         return ComparisonSettings(tuple(self.structures), Objective(self.objective, below), noise, path)
-
-
-def assumed_step(system: System) -> float:
-    """Step [rad] of the encoder that is assumed, on the joint side."""
-    return 2 * math.pi / 2**BITS / system.entered.get("gear_ratio", RATIO)
 
 
 def assumption(system: System, settings: ComparisonSettings) -> list[str]:

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from .joint_scenario import ScenarioSection
 
 STIFFNESS = "the stiffness of the gearbox [N·m/rad], a number > 0, or rigid where it does not give way"
-"""What joint.stiffness is, for messages."""
+"""Meaning of joint.stiffness, for messages."""
 MOTOR = ("motor_inertia", "rotor_inertia", "gear_ratio")
 """Keys of `joint` for the inertia of its motor."""
 LAW = "lti"

@@ -10,8 +10,7 @@ from functools import cache
 import numpy as np
 
 from ..design.comparison.objective import Objective
-from ..files.compare_section import assumed_step
-from ..studies.comparison import Comparison, ComparisonSettings, compare as compare_controllers
+from ..studies.comparison import Comparison, ComparisonSettings, assumed_noise, compare as compare_controllers
 from ..system.controller import PID, PPI
 from ..system.loop import build_loop
 from ..system.system import System
@@ -65,7 +64,7 @@ def _against_pd(k: int, direction: str) -> Iterator[Row]:
 
 
 def _at_equal_robustness() -> Iterator[Row]:
-    """What P/PI buys the joint of Fig. 9 at the Ms, delay reserve and torque noise of PD, everywhere in the usual box."""
+    """Gain of P/PI over PD for the joint of Fig. 9 at the Ms, delay reserve and torque noise of PD, everywhere in the usual box."""
     held = "Both tuned to Ms 2, half the delay in reserve and PD's torque noise, for stiffness ± 20 % and 0.5 to 1.5 times the load."
     pd, ppi = (compared("dynamic_stiffness").row(key).worst for key in ("pd", "pid"))
     note = f"Peak of |q/d|, load torque to link, of PD over that of P/PI on the joint of Fig. 9: nothing is bought. {held}"
@@ -79,6 +78,5 @@ def _at_equal_robustness() -> Iterator[Row]:
 def compared(objective: str) -> Comparison:
     """PD and P/PI on the joint of Fig. 9 at 2 kHz, tuned for an objective at equal robustness."""
     system = System.of_joint(joint_with_load(RATIO), DRIVE, GAINS, sample_time=SAMPLE_TIME)
-    noise = {"motor": assumed_step(system) / np.sqrt(12)}
-    settings = ComparisonSettings(("pd", "pid"), Objective(objective), noise)
+    settings = ComparisonSettings(("pd", "pid"), Objective(objective), assumed_noise(system))
     return compare_controllers(system, settings=settings, nominal=False, bound=False)

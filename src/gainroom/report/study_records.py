@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import GainroomError
+from ..files.compare_section import assumption
 from ..io.atomic import write_text
 from ..io.strict_json import strict
 from ..studies.audit import Audit
-from ..studies.comparison import Comparison, ComparisonSettings
+from ..studies.comparison import Comparison
 from ..studies.joint import JointStudy
 from ..studies.robot import RobotStudy
 from . import style
@@ -72,7 +73,8 @@ def _audit(study: Audit) -> Shown:
 
 @_shown.register
 def _comparison(study: Comparison) -> Shown:
-    shown = ComparisonPresentation(study, study.system, ComparisonSettings())
+    assumed = assumption(study.system, study.settings)
+    shown = ComparisonPresentation(study, study.system, study.settings, assumed=assumed)
     return Shown(shown, lambda: bars(study))
 
 

@@ -48,6 +48,8 @@ DRIVE_DELAY, DRIVE_RATE = 1e-4, 20e3
 """Delay [s] and least rate [Hz] of the drive's own loop, where none is given."""
 GAP_DIGITS = 4
 """Decimals of a gap: what is less is where a search stops."""
+BITS, RATIO = 13, 100.0
+"""Encoder that is assumed where none is given: 2¹³ steps per turn of the motor, behind a gear of this ratio where that is not given."""
 KNEE = 1.15
 """Factor within which the best structure on the same sensor and host is no reason to leave PD."""
 FAR_OFF = 2.0
@@ -170,7 +172,7 @@ class Comparison(StudyRecord):
     best_known   best controller of any structure that was found at the place of the bound, for that place alone; None: not asked for
     unbounded    why no bound, or no best controller, was found where one was asked for; "" otherwise
     system       the joint with its box: of a robot alone, as ComparedJoint has it; ceilings and objective that held for every row
-    joint        what was compared
+    joint        what was compared, and `settings` with which
     """
 
     rows: tuple[Row, ...]
@@ -183,6 +185,7 @@ class Comparison(StudyRecord):
     bound_at: str = ""
     best_known: BestKnown | None = None
     joint: ComparedJoint = field(kw_only=True)
+    settings: ComparisonSettings = field(kw_only=True)
 
     def row(self, structure: str) -> Row:
         """Row of one structure. Raises GainroomError where there is none."""
@@ -225,7 +228,7 @@ def compare(
     system      with a rate: one joint, whose own gains do not matter, or a robot, whose gains close the loops of all other joints
     joint       name of a robot's joint, or what compared_joint made of it; None: the softest
     structures  keys (pd, pid, pd+biquad, split, torque_feedback, …) or mappings such as {"pd": {"biquads": 1}}; None: those of the settings
-    settings    None: those of the system's file, else the usual ones
+    settings    None: the usual ones, with the encoder that is assumed where none is given
     bound       True: also what no linear controller comes below, for the objective dynamic_stiffness
     best_known  True: also the best controller of any structure that a cone programme finds at the place of the bound; needs clarabel
     nominal     True: each structure is also tuned at the nominal values alone, to tell how fragile that is
@@ -235,8 +238,9 @@ def compare(
     """
     if best_known:
         require_solver()
-    chosen, one = settings or ComparisonSettings(), joint if isinstance(joint, ComparedJoint) else compared_joint(system, joint)
+    one = joint if isinstance(joint, ComparedJoint) else compared_joint(system, joint)
     boxes = one.alone
+    chosen = settings or ComparisonSettings(sensor_noise=assumed_noise(boxes))
     wanted = _wanted(one, chosen, structures)
     path = chosen.path or usual_path(boxes)
     problem = Problem(one, _ceilings(boxes, chosen), chosen.objective, path)
@@ -250,7 +254,7 @@ def compare(
     if problem.ceilings.torque_noise is None and plain.position in problem.ceilings.sensor_noise and (made := _noises(problem, pd)):
         problem = replace(problem, ceilings=replace(problem.ceilings, torque_noise=max(made)))
     rows = _rows(problem, [one.scaled_to(boxes, path) for one in wanted], plain, pd, nominal, steps)
-    found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective, joint=one)
+    found = Comparison(tuple(rows), None, None, boxes, problem.ceilings, chosen.objective, joint=one, settings=chosen)
     if bounded:
         steps.tell("what no linear controller can beat")
         found = _bounded(found, plain, pd[True], steps)
@@ -259,6 +263,16 @@ def compare(
         found = _with_best_known(found, found.certificate)
     steps.tell("")
     return found
+
+
+def assumed_step(system: System) -> float:
+    """Step [rad] of the encoder that is assumed where none is given, on the joint side."""
+    return 2 * math.pi / 2**BITS / system.entered.get("gear_ratio", RATIO)
+
+
+def assumed_noise(system: System) -> dict[str, float]:
+    """Deviation [rad] by sensor of the encoder that is assumed; {} where the drive has a resolution."""
+    return {} if system.drives[0].resolution else {_position(system): assumed_step(system) / math.sqrt(12)}
 
 
 def compared_joint(system: System, joint: str | None = None) -> ComparedJoint:

@@ -156,7 +156,7 @@ class VaryingDelays(Requirement):
 
 
 @dataclass(frozen=True)
-class DelayReserve(Requirement):
+class ReservedDelay(Requirement):
     """Delay reserve τ [s] > 0: |T| |1 − e^(−jωτ)| ≤ 1, so that the loop is stable with any extra delay up to τ (delay_reserve.py).
 
     It is no more than the delay margin, and bounds |T| at all frequencies.
@@ -275,7 +275,7 @@ REQUIREMENTS: dict[str, Requirement] = {
             meaning="the width of the range within which the delay of every single command may vary, from joint to joint and tick to tick, "
             "with a proof that the robot does not start to vibrate.",
         ),
-        DelayReserve(
+        ReservedDelay(
             "delay_reserve",
             "delay reserve",
             "delay_reserve_ms",

@@ -110,7 +110,7 @@ class Opened:
 
     @cached_property
     def poles_in_time(self) -> Complexes:
-        """The same in s [1/s]; without delays, which have none."""
+        """Poles in s [1/s], without those of delays, which have none."""
         return _in_s(self.poles, self.sample_time)
 
     @cached_property

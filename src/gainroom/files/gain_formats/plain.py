@@ -65,7 +65,7 @@ class PlainFile(Section):
         return any(isinstance(each, ServoSection) for each in (self.__dict__.get("gains") or {}).values())
 
     def _servos_place(self) -> Refusals:
-        """What contradicts gains that run in the servos; their rate and delay may be typed instead."""
+        """Contradictions to gains that run in the servos; their rate and delay may be typed instead."""
         if self.gains_run not in (None, "drive"):
             yield refusal("must be drive: servos compute with their registers themselves", key="gains_run")
         elif self.is_given("sample_rate_hz"):

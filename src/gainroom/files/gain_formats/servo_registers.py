@@ -20,7 +20,7 @@ FEETECH_D = "the servo was measured with D = I = 0"
 X_SERIES = "the time base of D/16 and I/65536 is not in the manual"
 MX_PID = "; D and I: emanual.robotis.com, PID Gain: Kp = P/8, Ki = I·1000/2048, Kd = D·4/1000"
 PER_D, PER_I = 8 * 4 / 1000, 8 * 1000 / 2048
-"""What a step of D [s] and of I [1/s] is beside a step of P, of servos with protocol 1 (MX) and of XL-320.
+"""Sizes of a step of D [s] and of I [1/s] beside a step of P, of servos with protocol 1 (MX) and of XL-320.
 
 ROBOTIS-GIT/emanual: _includes/en/dxl/control_table_mx_pid.md.
 """

@@ -23,7 +23,7 @@ from .mapping import map_columns
 from .options import LogOptions
 from .record import JointLog, Log, Origin, Quality
 from .table import TIME, Table, bounded, guarded
-from .units import SI, UNIT_CHOICES, UNITS, UNKNOWN
+from .units import SI, UNITS, UNKNOWN, unit_choices
 
 MOST_BYTES = 1 << 31
 """Maximum size of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
@@ -310,7 +310,7 @@ def unknown_units(log: Log) -> str:
     if not unknown:
         return ""
     typed = ",".join(f"{channel}=UNIT" for channel in unknown)
-    choices = " or ".join(dict.fromkeys(UNIT_CHOICES[CHANNELS[channel].dimension] for channel in unknown))
+    choices = " or ".join(dict.fromkeys(unit_choices(CHANNELS[channel].dimension) for channel in unknown))
     return f"the unit of {listed([*unknown])} is not said: --units {typed}, where UNIT is {choices}"
 
 

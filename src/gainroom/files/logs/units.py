@@ -36,21 +36,13 @@ ONE_CONSTANT = 1.1
 """Largest ratio of an actuator's published torque constants for which the first of them is taken: fits to one servo differ by that."""
 UNKNOWN = "?"
 """Unit of a column whose format does not say it, and whose numbers are not SI."""
-FORMS = {
-    "angle": ("ticks/4096 or counts/4096 (4096 a revolution)", "norm/220 (LeRobot's −100 … 100 over 220 degrees)"),
-    "speed": ("ticks/4096/s (4096 a revolution)",),
+FORMS: dict[str, tuple[str, ...]] = {
+    "angle": ("counts/4096 or ticks/4096 (4096 a revolution)", "norm/DEGREES (LeRobot's −100 … 100 over the joint's calibrated range)"),
+    "speed": ("counts/4096/s (4096 a revolution)",),
     "torque": ("mA*1.2 (a current, and N·m/A or the name of an actuator)",),
-    "current": ("6.5mA (steps of 6.5 mA)",),
+    "current": ("6.5mA (steps of 6.5 mA, as Feetech's STS has; 2.69mA of XM430 and XM540, 1mA of XL330)",),
 }
-"""Forms of units with numbers in them, as messages name them."""
-UNIT_CHOICES = {
-    "angle": "deg, rad, norm/DEGREES (LeRobot's −100 … 100 over the joint's calibrated range) or counts/4096",
-    "speed": "deg/s, rad/s or counts/4096/s",
-    "torque": "Nm, or mA*CONSTANT of a current, as 6.5mA*1.2",
-    "time": "s, ms, us or ns",
-    "current": "A, mA or 6.5mA (steps of 6.5 mA, as Feetech's STS has; 2.69mA of XM430 and XM540, 1mA of XL330)",
-}
-"""Units that a column of the unit UNKNOWN may be in, as messages name them.
+"""Forms of units with numbers in them, as messages name them.
 
 4096 steps a turn: MODEL_RESOLUTION in lerobot's motors/feetech/tables.py (STS, SMS) and motors/dynamixel/tables.py (X series).
 1024 steps over 300 degrees of SCS and XL-320 are 1228.8 a turn: ROBOTIS e-manual, XL-320, Resolution and Goal Position(30).
@@ -116,7 +108,7 @@ def factor(text: str, dimension: str, owner: str) -> float:
     unit = known_unit(plain, dimension)
     if unit is not None:
         return sign * UNITS[dimension][unit]
-    allowed = ", ".join([*UNITS[dimension], *FORMS.get(dimension, ())])
+    allowed = unit_choices(dimension)
     raise GainroomError(f"{owner}: unit {one_line(repr(text), 60)} must be one of {allowed}; or a number that the column is multiplied by")
 
 
@@ -152,3 +144,8 @@ def _positive(text: str) -> float | None:
     except ValueError:
         return None
     return value if 1e-12 <= value <= 1e12 else None
+
+
+def unit_choices(dimension: str) -> str:
+    """Units of a dimension, as messages name them."""
+    return ", ".join([*UNITS[dimension], *FORMS.get(dimension, ())])

@@ -142,7 +142,7 @@ def _others(episode: int, count: int, wanted: int | None) -> str:
 
 @dataclass(frozen=True)
 class _About:
-    """What meta/info.json says: frames per second, and the names of the entries by feature."""
+    """Content of meta/info.json: frames per second, and the names of the entries by feature."""
 
     rate: float
     names: Mapping[str, Sequence[str]]
