@@ -122,3 +122,10 @@ def test_no_hand_without_a_payload_or_on_a_floating_base(tmp_path: Path):
     assert study.hands == (None, None)
     assert study.softest_now is not None
     assert np.isfinite(study.softest_now.stiffness)
+
+
+def test_links_that_contacts_lock_have_gains_and_no_softness(tmp_path: Path):
+    file = arm(tmp_path, contacts={"held": ["hand"]})  # six rows on one joint: the motor turns on its gearbox, the link does not
+    study = study_robot(load_robot_system(file))
+    assert all(one.everywhere is not None for one in study.recommended)
+    assert study.softest_now is None

@@ -63,12 +63,17 @@ class SoftPeaks:
         """Mask (p,), True for peaks whose height no gain changes by more than GEAR: the gearbox alone limits them."""
         return np.abs(self.slope).sum(axis=(1, 2)) < GEAR
 
-    def worst(self, size: int) -> Integers:
-        """Index (m,) of the highest peak of each of `size` directions; −1 where it has none."""
-        found = np.full(size, -1)
-        for k in np.argsort(self.height).tolist():
-            found[self.direction[k]] = k
-        return found
+    def softest(self, size: int) -> tuple[Floats, Floats, Booleans]:
+        """Highest peak of each of `size` directions: dynamic stiffness (m,), frequency (m,) [rad/s], whether a gearbox limits it (m,).
+
+        NaN, and False, where a direction has no peak: no load moves it.
+        """
+        (stiffness, omega), geared = np.full((2, size), math.nan), np.zeros(size, bool)
+        rising = np.argsort(self.height)
+        highest = dict(zip(self.direction[rising].tolist(), rising.tolist(), strict=True))
+        some, k = list(highest), list(highest.values())
+        stiffness[some], omega[some], geared[some] = np.exp(-self.height[k]), self.omega[k], self.gear_limited[k]
+        return stiffness, omega, geared
 
 
 @dataclass(frozen=True)

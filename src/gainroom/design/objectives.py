@@ -156,7 +156,7 @@ class LinkSoftness:
         key = gains.tobytes()
         if key not in self._known:
             if not self._watched:
-                self._watched.extend(self._softest_of(gains))
+                self._watched.extend(self._softest_of(gains) or [0])  # one without peaks, where contacts lock every link
             if len(self._known) >= REMEMBERED:
                 del self._known[next(iter(self._known))]
             self._known[key] = self._at(gains)

@@ -264,10 +264,7 @@ def _links(states: Sequence[SearchedState], gains: Gains, without: bool) -> tupl
     for state in states:
         title = f"{state.state.posture}/{state.state.contact}"
         for case in dict.fromkeys([state.without] if without else [state.with_weight, state.without]):
-            peaks = case.peaks(gains)
-            worst = peaks.worst(gains.shape[1])
-            own = np.where(worst >= 0, np.exp(-peaks.height[worst]), math.nan)
-            omega, geared = np.where(worst >= 0, peaks.omega[worst], math.nan), (worst >= 0) & peaks.gear_limited[worst]
+            own, omega, geared = case.peaks(gains).softest(gains.shape[1])
             if title not in found:
                 loop = case.loop(gains)
                 sway = np.zeros(0) if case.sway is None else case.sway.at(gains).frequency

@@ -59,9 +59,9 @@ def softest_now(states: Iterable[State]) -> SoftestLink | None:
             links = state.margins.links
             rows = zip(range(len(links.stiffness)), links.stiffness.tolist(), links.omega.tolist(), strict=True)
         else:
-            peaks = own[0].peaks(own[1])
-            kept = [k for k in peaks.worst(len(own[1][0])).tolist() if k >= 0 and not peaks.gear_limited[k]]
-            rows = zip(peaks.direction[kept].tolist(), np.exp(-peaks.height[kept]).tolist(), peaks.omega[kept].tolist(), strict=True)
+            each, peaks, geared = own[0].peaks(own[1]).softest(len(own[1][0]))
+            kept = np.flatnonzero(~np.isnan(each) & ~geared).tolist()
+            rows = zip(kept, each[kept].tolist(), peaks[kept].tolist(), strict=True)
         found += [SoftestLink(joint, one, omega, state.title) for joint, one, omega in rows if 0 < one < math.inf]
     return min(found, key=lambda one: one.stiffness, default=None)
 
