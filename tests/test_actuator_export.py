@@ -57,6 +57,9 @@ def test_a_joint_has_its_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[s
         }
     ]
     assert any("effort_limit" in note for note in notes)
+    assert not any("jitter" in note for note in notes)
+    _, notes = exported(tmp_path / "late.yaml", {**JOINT, "limits": {"jitter_margin_ms": 0.5}}, capsys)
+    assert any("jitter" in note for note in notes)
 
 
 def test_kd_keeps_its_own_path_and_rigid_is_rigid(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

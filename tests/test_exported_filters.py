@@ -310,6 +310,16 @@ def test_a_joint_yaml_is_exported_with_its_filters(folder: Path, capsys: pytest.
     assert said["audit_with"][-2:] == ["--require", "peak_sensitivity=2.2"]
 
 
+@pytest.mark.parametrize(("form", "flags"), [("yaml", []), ("ros2_control", ["--bandwidth", "4000.0"])])
+def test_the_current_loop_of_a_joint_yaml_goes_along(folder: Path, capsys: pytest.CaptureFixture[str], form: str, flags: list[str]):
+    (folder / "knee.yaml").write_text(JOINT, "utf-8")
+    said = exported(capsys, form, "knee.yaml", target := FORMS.get(form, "out.yaml"))
+    kept = parse_file(said["text"], Path(target)).origin.system.get("drive", {})
+    assert kept == ({} if flags else {"bandwidth": 4000.0, "damping_ratio": 0.9})  # the form holds it, or a flag does
+    given = said["audit_with"]
+    assert [given[k : k + 2] for k, word in enumerate(given) if word == "--bandwidth"] == ([flags] if flags else [])
+
+
 def test_kd_on_the_drive_goes_along(folder: Path, capsys: pytest.CaptureFixture[str]):
     path = "2000, kd_path: {delay_ms: 0.1, sample_rate_hz: 8000},"
     split = JOINT.replace("pid, kp: 2000, ki: 30", "pd, kp: 2000").replace("2000,\n", f"{path}\n")

@@ -112,6 +112,8 @@ def _notes(system: System, names: tuple[str, ...]) -> Iterator[str]:
     if system.control.command_delay:
         late = 1e3 * system.control.command_delay
         yield f"set-points are {late:g} ms late on their way: delay_min_lag and delay_max_lag have that, in physics steps"
+    if system.requirements.needed.get("jitter_margin"):
+        yield "a delay that varies is not written: jitter has its range"
     if system.uncertainty.names:
         ranges = [name.replace("_", " ") for name in system.uncertainty.names]
         yield f"ranges of {first_of_many(ranges)} are written by their nominal values"

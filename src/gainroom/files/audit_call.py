@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import yaml
 
 from ..errors import GainroomError, first_of_many
+from ..io.atomic import text_as_file
 from ..robot.formats.in_memory import as_file
 from ..robot.formats.model_files import load_model
 from ..robot.formats.model_names import locate
@@ -150,13 +150,8 @@ def _gains_as_file(model: str, gains: Any, base: Any) -> Iterator[Path | None]:
         yield None if gains is None else Path(gains)
         return
     plain = _by_name(gains) if isinstance(gains, Mapping) else _in_order(gains, load_model(locate(model), base, for_names=True).joint_names)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "gains.yaml"
-        path.write_text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), "utf-8")
-        try:
-            yield path
-        except GainroomError as error:
-            raise GainroomError(*(problem.replace(str(path), "gains") for problem in error.problems)) from None
+    with text_as_file(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), "gains.yaml", "gains") as path:
+        yield path
 
 
 def _by_name(gains: Mapping[Any, Any]) -> dict[str, dict[str, float | str]]:

@@ -1,5 +1,6 @@
-"""Gains of a joint.yaml for export: one joint, called as its file is, with the filters, the rate and the delay of its loop."""
+"""Gains of a joint.yaml for export: one joint, called as its file is, with the filters, the rate, the delay and the drive of its loop."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 from ..errors import GainroomError
 from ..system.controller import PD, PID, type_of
 from ..system.filters import FILTERS
+from .gain_context import LOOP_KEYS
 from .gain_formats.gain_record import Gain, GainFile, Origin
 from .joint_yaml import parse_joint
 from .typed_requirements import unusual_limits
@@ -30,12 +32,14 @@ def joint_gains(text: str, data: Mapping[str, Any], source: str) -> GainFile:
         "drive_delay_ms": 1e3 * control.kd_path.delay,
     }  # fmt: skip
     kept = {name: given[name] for name in FILTERS if given.get(name)} | ({} if control.feedback.motor else {"feedback": "link"})
+    (drive,) = system.drives
+    loop = {key: getattr(drive, key) for key in LOOP_KEYS if math.isfinite(drive.bandwidth)}
     origin = Origin(
         delay_ms=1e3 * system.delay,
         sample_rate_hz=None if control.sample_time is None else 1 / control.sample_time,
         margins="gainroom joint computes them",
         required=unusual_limits(system.requirements),
-        system={"control": kept} if kept else {},
+        system={name: section for name, section in {"control": kept, "drive": loop}.items() if section},
         **place,
     )
     return GainFile(source, "joint.yaml", {Path(source).stem: Gain(**gains, **known)}, origin=origin)

@@ -5,6 +5,7 @@ import os
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from ..errors import GainroomError
 from .run_files import at_last
@@ -38,6 +39,18 @@ def write_text(path: Path, text: str) -> None:
     """Writes a text to `path` as a whole or not at all. Raises GainroomError if it cannot be written."""
     with replacement(path) as temporary, writing(path):
         temporary.write_text(text, "utf-8", newline="\n")
+
+
+@contextlib.contextmanager
+def text_as_file(text: str, name: str, called: str) -> Iterator[Path]:
+    """Path of a file `name` with the text, in a folder that is gone after the block; errors raised in it name the file as `called`."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        path.write_text(text, "utf-8")
+        try:
+            yield path
+        except GainroomError as error:
+            raise GainroomError(*(problem.replace(str(path), called) for problem in error.problems)) from None
 
 
 @contextlib.contextmanager

@@ -81,7 +81,7 @@ def reported_columns(required: Requirements | None, *found: Margins) -> list[Col
 
 def known_columns(required: Requirements) -> list[Column]:
     """Margin columns of one joint, known or not, without those of requirements that are reported only where they are asked for."""
-    left_out = {one.name for one in REQUIREMENTS.values() if one.only_asked} - set(required.asked)
+    left_out = {one.name for one in REQUIREMENTS.values() if one.shown == "asked"} - set(required.asked)
     return [column for column in margin_columns() if column.requirement not in left_out]
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from .excluded_sets import ROUND_OFF, ExcludedSet
 from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import IN_SI
+
+Shown = Literal["always", "known", "asked"]
 
 
 def enough(value: float, needed: float) -> bool:
@@ -35,8 +37,7 @@ class Requirement:
     most     largest bound that a file may ask for, in `unit`
     usual    default bound; None: not required by default
     meaning  explanation for several coupled loops, one sentence
-    always   False: reported only where it is asked for or known
-    only_asked   True: reported only where it is asked for
+    shown    "always": reported of every loop; "known": where it is asked for or known; "asked": where it is asked for
     of_one   True: reported of a single joint, and of several only where it is asked for
     of_several   title for several loops, where the margin is by definition of all loops together, or of each; "": the title says it
     """
@@ -57,8 +58,7 @@ class Requirement:
     meaning: str = ""
     of_several: str = ""
     of_one: bool = False
-    always: bool = True
-    only_asked: bool = False
+    shown: Shown = "always"
 
     def titled(self, found: MarginRecord, several: bool, short: bool = False) -> str:
         """Title of the margin in `found`, with the loops it belongs to where there are several; `short`: as table heading."""

@@ -18,7 +18,7 @@ from .linear.arrays import Floats
 from .loop_protocols import LoopCurves, MarginRecord, SampledLoops
 from .margin_units import from_db, to_db
 from .measured_response import Sensed
-from .requirement import Requirement
+from .requirement import Requirement, Shown
 from .torque_noise import NoisePlane, torque_noise
 
 
@@ -182,7 +182,7 @@ class TorqueNoise(Requirement):
     """Bound [N m] > 0 on the standard deviation of every joint's torque command that the steps of its encoder make (torque_noise.py)."""
 
     at_most: bool = True
-    always: bool = False
+    shown: Shown = "known"
 
     def measured(self, loop: Any) -> float:
         return float(torque_noise(loop).max())
@@ -282,7 +282,7 @@ REQUIREMENTS: dict[str, Requirement] = {
             "ms",
             scale=1e3,
             most=1000.0,
-            only_asked=True,
+            shown="asked",
             meaning="the extra delay, constant and of each joint its own, up to which the robot provably does not start to vibrate.",
         ),
         TorqueNoise(
@@ -326,16 +326,16 @@ NOISE_SHARE = 0.02
 def reported(asked: "Requirements | None", several: bool, *found: MarginRecord) -> list[Requirement]:
     """Requirements whose margins are reported.
 
-    For `several` joints, requirements defined for one loop alone are reported only if `asked` for. A requirement that is not reported by
-    default needs to be asked for, or, unless it is `only_asked`, to have a known value in one of `found`.
+    For `several` joints, requirements defined for one loop alone are reported only if `asked` for. A requirement that is not `shown`
+    always needs to be asked for, or, where it is shown once known, to have a known value in one of `found`.
     """
 
     def is_reported(one: Requirement) -> bool:
         if asked is not None and one.name in asked.needed:
             return True
-        return not (one.only_asked or (several and one.of_one)) and (
-            one.always or not all(math.isnan(one.value(margins)) for margins in found)
-        )
+        if one.shown == "asked" or (several and one.of_one):
+            return False
+        return one.shown == "always" or not all(math.isnan(one.value(margins)) for margins in found)
 
     return list(filter(is_reported, REQUIREMENTS.values()))
 

@@ -8,14 +8,13 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
 from ...errors import GainroomError
+from ...io.atomic import text_as_file
 from ..body import library
 from .model_format import INTEGRATORS
 
@@ -32,14 +31,9 @@ def as_file(model: Any) -> Iterator[str]:
     if isinstance(model, str | PathLike):
         yield str(model)
         return
-    text = mjcf_of(model)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{type(model).__name__}.xml"
-        path.write_text(text, "utf-8")
-        try:
-            yield str(path)
-        except GainroomError as error:
-            raise GainroomError(*(problem.replace(str(path), path.stem) for problem in error.problems)) from None
+    name = type(model).__name__
+    with text_as_file(mjcf_of(model), f"{name}.xml", name) as path:
+        yield str(path)
 
 
 def mjcf_of(model: Any) -> str:
