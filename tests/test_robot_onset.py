@@ -5,6 +5,7 @@ the factor is searched to 1e-3; near-equal legs make twin vibrations that half a
 and frequency, where two are asked; most come within a tenth of that.
 """
 
+import math
 from dataclasses import replace
 from importlib.resources import files
 
@@ -149,16 +150,30 @@ def test_panda(seed):
     assert_witnessed(limit, arm_setup(arm, motors, q, controller, drive))
 
 
+def two_links(folder):
+    links = link("base") + link("upper", 3.0, (0, 0, -0.2), (0.05, 0.05, 0.01)) + link("lower", 2.0, (0, 0, -0.15), (0.03, 0.03, 0.01))
+    return load_model(
+        write_robot(folder, links, hinge("shoulder", "base", "upper") + hinge("elbow", "upper", "lower", (0, 0, -0.4))), base="fixed"
+    )
+
+
 @pytest.mark.slow
 def test_two_link_arm_with_full_gain_matrices(tmp_path):
-    links = link("base") + link("upper", 3.0, (0, 0, -0.2), (0.05, 0.05, 0.01)) + link("lower", 2.0, (0, 0, -0.15), (0.03, 0.03, 0.01))
-    arm = load_model(
-        write_robot(tmp_path, links, hinge("shoulder", "base", "upper") + hinge("elbow", "upper", "lower", (0, 0, -0.4))), base="fixed"
-    )
-    motors, q = actuators(2, 0.4, 8e3, 2.0), np.array([0.4, 1.1])
+    arm, motors, q = two_links(tmp_path), actuators(2, 0.4, 8e3, 2.0), np.array([0.4, 1.1])
     controller = PD(np.array([[900.0, 300.0], [200.0, 500.0]]), np.array([[40.0, 10.0], [12.0, 25.0]]))
     limit = gain_limit(build_loop(linearize(arm, motors, q), DRIVE, controller, "motor", TICK))
     assert_witnessed(limit, arm_setup(arm, motors, q, controller, DRIVE), near=1.0)
+
+
+def test_a_slow_vibration_beside_its_own_harmonics(tmp_path):
+    """Below 2 Hz, which half a second holds less than once; a bent arm makes harmonics that grow twice as fast as it."""
+    arm, motors, q = two_links(tmp_path), actuators(2, 0.4, 8e3, 2.0), np.array([0.4, 1.1])
+    controller, drive = PD(np.array([12.0, 4.0]), np.array([2.5, 0.8])), Drive(4000.0, 0.9, 0.1)
+    limit = gain_limit(build_loop(linearize(arm, motors, q), drive, controller, "motor", 5e-3))
+    assert limit.frequency < 2 * math.pi * 2
+    setup = replace(arm_setup(arm, motors, q, controller, drive), control=Control("joint", controller, "motor", 5e-3))
+    onset = robot_onset(setup, limit.gain, limit.frequency)
+    assert (onset.gain, onset.frequency) == (pytest.approx(limit.gain, rel=CLOSE), pytest.approx(limit.frequency, rel=CLOSE))
 
 
 @pytest.mark.slow

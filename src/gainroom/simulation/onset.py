@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import GainroomError, require_positive
 from ..system.loop import Loop
-from .oscillation import MOST_SAMPLES, Vibration, vibration
+from .oscillation import Vibration, vibration
 from .run import simulate
 from .scenario import Scenario
 
@@ -78,8 +78,7 @@ def linear_vibration(loop: Loop, duration: float = 2.0) -> Vibration | None:
     impulse = np.vstack([np.random.default_rng(0).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
     run = simulate(loop, Scenario(0.0, duration, feedforward=impulse))
     later = run.error[len(run.time) // 2 :]
-    stride = -(-len(later) // MOST_SAMPLES)  # a fast tick and a slow vibration: the whole half counts, not its last samples
-    found = vibration(later[::stride], stride * run.sample_time, growing=True)
+    found = vibration(later, run.sample_time, growing=True)
     if run.diverged and _rate(found) <= 0:
         return Vibration(0.0, math.inf, run.diverged_at or 0.0)  # it diverged without oscillation
     return found

@@ -43,9 +43,10 @@ class Vibration:
 
 
 def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, above: float = 0.0) -> Vibration | None:
-    """Strongest oscillation in the last third of `signal` (k,) or (k, n); at most 4000 samples are used.
+    """Strongest oscillation in the last third of `signal` (k,) or (k, n); the last 4000 samples are used.
 
-    growing   True: the oscillation with the largest growth rate, however small its amplitude
+    growing   True: the oscillation in the whole signal with the largest growth rate, however small its amplitude; at most 4000 samples,
+              evenly spaced, are used
     above     lower bound on the frequency [rad/s]
 
     None if nothing oscillates for at least one and a half periods above the noise.
@@ -55,6 +56,9 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
     table = table[:, None] if table.ndim == 1 else table
     if table.ndim != 2:
         raise GainroomError(f"vibration: signal of shape {table.shape} must be (k,) or (k, n)")
+    if growing and len(table) > MOST_SAMPLES:  # a fast tick and a slow vibration
+        stride = -(-len(table) // MOST_SAMPLES)
+        table, sample_time = table[::stride], stride * sample_time
     table = table[-MOST_SAMPLES:]
     scale = np.abs(table).max(initial=0.0)
     if len(table) < FEWEST_SAMPLES or scale == 0:

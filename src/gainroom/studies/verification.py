@@ -235,7 +235,7 @@ def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -
         raise GainroomError("gravity stiffness counts in the prediction; the simulated limit is without gravity")
     setup = robot_setup(system, posture, contact)
     RobotStepper(setup)  # refuses now what it cannot simulate
-    return lambda: _case(what, "mujoco", limit, lambda: robot_onset(setup, limit.gain))
+    return lambda: _case(what, "mujoco", limit, lambda: robot_onset(setup, limit.gain, limit.frequency))
 
 
 def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset], begin: float = 1.0) -> VerifiedLimit:
