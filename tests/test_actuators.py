@@ -217,6 +217,79 @@ def test_an_audit_takes_them_by_name_and_by_robot(tmp_path: Path, capsys):
     assert [joint["motor_inertia"] for joint in plain["joints"]] == [0.0, 0.0]
 
 
+def with_armatures(path: Path, of: dict[str, float]) -> Path:
+    """The chain as MJCF, each joint with its armature."""
+    bodies = "".join(
+        f'<body name="{name}_link" pos="0 0 0.1"><joint name="{name}" axis="0 0 1" armature="{one}"/>'
+        '<inertial pos="0.05 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>'
+        for name, one in of.items()
+    )
+    path = path.with_suffix(".xml")
+    path.write_text(
+        f'<mujoco model="chain"><worldbody><body name="base">{bodies}{"</body>" * len(of)}</body></worldbody></mujoco>', "utf-8"
+    )
+    return path
+
+
+def test_one_armature_for_unlike_motors_of_a_known_robot_is_a_placeholder(tmp_path: Path, capsys):
+    """As a model of the Booster T1 has it, 0.01 kg·m² on all: a fifth of what is published. Armatures that differ count."""
+    alike = with_armatures(tmp_path / "chain", dict.fromkeys(ARM, 0.01))
+    placeholder, silent = audited(capsys, alike), audited(capsys, with_armatures(tmp_path / "bare", dict.fromkeys(ARM, 0.0)))
+    assert [joint["motor_inertia"] for joint in placeholder["joints"]] == [joint["motor_inertia"] for joint in silent["joints"]]
+    assert main(["audit", str(alike), "--delay-ms", "2", "--gains", str(tmp_path / "gains.yaml"), "--gearbox", "direct"]) != 2
+    assert "in place of the model's armature of 0.01 kg·m²" in " ".join(capsys.readouterr().out.split())
+    unlike = dict(zip(ARM, (0.02, 0.02, 0.03, 0.03, 0.005, 0.005, 0.005), strict=True))
+    told = audited(capsys, with_armatures(tmp_path / "told", unlike))
+    assert [joint["motor_inertia"] for joint in told["joints"]] == [*unlike.values()]
+    contradicted = [text for text in told["warnings"] if "is not the published one of OpenArm" in text]
+    published = {name: actuators()[name].used("motor_inertia") for name in ("damiao-dm-j8009", "damiao-dm-j4340", "damiao-dm-j4310")}
+    far = [
+        name
+        for name, own in zip(published, (0.02, 0.03, 0.005), strict=True)
+        if not published[name].low / 1.5 <= own <= published[name].high * 1.5
+    ]
+    assert [any(name in text for text in contradicted) for name in published] == [name in far for name in published]
+    assert far
+
+
+def test_an_actuator_that_takes_kp_and_kd_makes_where_they_run_a_question(tmp_path: Path, capsys):
+    """kd 8 N·m·s/rad on 0.06 kg·m²: 12 ms in the loop are too much, as 8·0.014/0.06 > π/2; 1 ms is not."""
+    path = model(tmp_path, ["hip"])
+    call = ["audit", str(path), "--delay-ms", "12", "--rate-hz", "500", "--gearbox", "direct", "--gains", str(tmp_path / "gains.yaml")]
+    (tmp_path / "gains.yaml").write_text("hip: {kp: 100, kd: 8}", "utf-8")
+    levels = {}
+    for name in ("robstride-04", "agility-cassie-toe"):
+        main([*call, "--actuator", name, "--json"])
+        levels[name] = json.loads(capsys.readouterr().out)
+    assert [one["option"] for one in levels["robstride-04"]["readings"]] == [
+        "--gains-run host",
+        "--gains-run drive --drive-rate-hz 1000 --drive-delay-ms 1",
+    ]
+    assert not levels["agility-cassie-toe"].get("readings")
+
+
+def test_a_gearbox_of_known_peak_torque_is_no_softer_than_it_would_wind_up(tmp_path: Path):
+    """RobStride 04, 120 N·m: K ≥ 120/(5°), where the type alone allows 100 rad/s on 0.04 kg·m²; without a published torque that holds."""
+    used = {name: actuators()["robstride-04"].used(name).value for name in ("motor_inertia", "peak_torque")}
+    joints = "joints:\n  default: {motor_inertia: 0.5, stiffness: 8000.0, damping: 4.0}"
+    published = ROBOT.replace(joints, "joints: {default: {actuator: robstride-04, gearbox: planetary}}")
+    low, high = (ends[0] for ends in load_robot_system(write_arm(tmp_path, published)).uncertainty.resonance)
+    assert low == pytest.approx(math.sqrt(used["peak_torque"] / math.radians(5) / used["motor_inertia"]), rel=1e-9)
+    assert low < high == 1600.0
+    own = f"motor_inertia: {used['motor_inertia']}, effort_limit: {used['peak_torque']}"
+    limited = ROBOT.replace(joints, f"joints: {{default: {{{own}, gearbox: planetary}}}}")
+    assert load_robot_system(write_arm(tmp_path, limited)).uncertainty.resonance[0][0] == 100.0
+
+
+def test_a_command_to_start_from_has_the_gearbox_of_the_actuator(tmp_path: Path, capsys):
+    path = model(tmp_path, ["hip"])
+    (tmp_path / "gains.yaml").write_text("hip: {kp: 20, kd: 1}", "utf-8")
+    call = ["audit", str(path), "--delay-ms", "1", "--gains", str(tmp_path / "gains.yaml"), "--gains-run", "host", "--rate-hz", "1000"]
+    for name, kind in (("robstride-04", "planetary"), ("agility-cassie-toe", "harmonic")):
+        assert main([*call, "--actuator", name]) != 2
+        assert f"--gearbox {kind}" in capsys.readouterr().out
+
+
 def test_bad_options_are_one_line(tmp_path: Path, capsys):
     path = model(tmp_path, ["hip"])
     gains = tmp_path / "gains.yaml"

@@ -144,6 +144,7 @@ def test_gains_are_taken_as_people_hold_them(file: Path):
 @pytest.mark.parametrize(
     ("model", "gains", "words"),
     [
+        ("<mujoco><worldbody/></mujoco>", (1, 1), ["model: is XML text", "MjModel.from_xml_string"]),
         (3, None, ["model: a builtins.int must be a path, mujoco.MjModel, mujoco.MjSpec or pinocchio.Model"]),
         ("leg", 5, ["gains: must be a path", "(kp, kd)", "3 each, one per joint: hip, knee, slide"]),
         ("leg", ([1, 2], [1, 2]), ["3 each"]),
@@ -161,6 +162,13 @@ def test_what_is_not_taken_is_one_line(file: Path, model, gains, words: list[str
     assert "\n" not in str(error.value)
     assert all(word in str(error.value) for word in words), str(error.value)
     assert "/tmp" not in str(error.value).replace(str(file), "")
+
+
+def test_a_delay_in_the_wrong_unit_is_one_line_and_a_record_prints_its_sentence(file: Path):
+    with pytest.raises(gr.GainroomError, match="5000 ms must be <= 1000 ms, without a rate"):
+        gr.audit(file, (40.0, 2.0), delay=5)
+    found = gr.audit(file, (40.0, 2.0), **CALL)
+    assert str(found) == found.to_dict()["sentence"]
 
 
 SECTIONS = {

@@ -157,18 +157,18 @@ def audit(
     call = typed_command(context, *vars(training), "workspace", "write_robot", "report")
     with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress, named(model):
-            result, found = read_in_every_way(model, given.gains, found, required, progress)
+            result = read_in_every_way(model, given.gains, found, required, progress)
         from ..report.audit_text import AuditPresentation
 
         more = _besides(result, simulator, workspace)
-        shown = AuditPresentation(result, found, *more, call=call, files={"Report": report, "Robot": write_robot})
+        shown = AuditPresentation(result, result.of, *more, call=call, files={"Report": report, "Robot": write_robot})
         present(shown, as_json, verbose)
         if page is not None:
             from ..report.audit import audit_page
 
             page.write(audit_page(shown, typed_command(context, "write_robot")))
         if robot is not None and write_robot is not None:
-            robot.write(audited_text(found, result, model, result.required, call, write_robot))
+            robot.write(audited_text(result.of, result, model, result.required, call, write_robot))
     return exit_status(shown.verdict, exit_zero)
 
 

@@ -89,14 +89,14 @@ def audit(
     with as_file(model) as file, _gains_as_file(file, gains, base) as own:
         found = audited(file, own, options)
         required = required_of(None, {**further_requirements(None, None, None, found.options.required), **asked})
-        result, found = read_in_every_way(file, own, found, required, progress)
+        result = read_in_every_way(file, own, found, required, progress)
     names = {} if file == str(model) else {file: Path(file).stem}
     names |= {} if own is None or isinstance(gains, str | Path) else {str(own): "gains"}
-    return replace(result, system=_renamed(result.system, names), of=found)
+    return replace(result, system=_renamed(result.system, names))
 
 
-def read_in_every_way(model: str, gains: Path | None, found: Audited, required: Requirements, progress: Progress) -> tuple[Audit, Audited]:
-    """Audit of `found`, or of each reading of it, and the system audited."""
+def read_in_every_way(model: str, gains: Path | None, found: Audited, required: Requirements, progress: Progress) -> Audit:
+    """Audit of `found`, or of each reading of it."""
 
     def judged(one: Audited) -> Audit:
         return replace(judge(one.system, required, progress), joint_damping=one.options.joint_damping)
@@ -104,13 +104,14 @@ def read_in_every_way(model: str, gains: Path | None, found: Audited, required: 
     damped = damping_readings(model, gains, found)
     if damped:
         result = least_of([ReadAs(one.option, one.meaning, judged(one.asked)) for one in damped])
-        return result, next(each.asked for each, one in zip(damped, result.readings, strict=True) if one.audit.every is result.every)
+        asked = next(each.asked for each, one in zip(damped, result.readings, strict=True) if one.audit.every is result.every)
+        return replace(result, of=asked)
 
     def drives() -> ReadAs | None:
-        there = drive_reading(model, gains, found.options)
+        there = drive_reading(model, gains, found)
         return None if there is None else ReadAs(there.option, there.meaning, judged(there.asked))
 
-    return with_drives(judged(found), drives, *HOST), found
+    return replace(with_drives(judged(found), drives, *HOST), of=found)
 
 
 def _of_joints(**values: PerJoint) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..errors import GainroomError, all_of, first_of_many, listed, named, nearest, option_name, refuse_all
+from ..errors import GainroomError, all_of, digits, first_of_many, listed, named, nearest, option_name, refuse_all
 from ..io.validation import checked, require_one_of, validate
 from ..io.yaml_text import shown
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
@@ -65,6 +65,8 @@ GIVEN = "given"
 """Name of a posture whose angles are given as options."""
 SLIGHT_DAMPING = 0.01
 """Share of kd below which the joints' own damping is only reported among the assumptions."""
+UNLIKE = 1.5
+"""Ratio of the largest to the least published inertia of a robot's motors from which one armature for all of them is a placeholder."""
 HELD_SHOWN = 3
 """Maximum number of joints without gains that a warning names; the rest are counted, so that the answer fits on one screen."""
 DESCRIPTIONS = (".yaml", ".yml", ".json")
@@ -345,9 +347,8 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         found = typed_first(options, found, body.every_joint, source)
         sections = options.sections(str(path), body, found, driven)
         file = validate(RobotFile, sections, "")
-        if (sample_time := file.sample_time()) is not None:
-            owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
-            refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
+        owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
+        refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), file.sample_time(), owner)
         spec = robot_spec(file, str(path), lambda: path, known_body=body)
         without_effect = []
         if options.gearboxes:
@@ -381,7 +382,8 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     idle = [name for name, has in zip(body.every_joint, found.given, strict=True) if has and name not in body.joint_names]
     idle = [f"gains of joints that have no motor in the model do not count: {first_of_many(idle)}"] * bool(idle)
     # A file of gains may have left out a leg; a model has the actuators that it has.
-    warnings = (*found.notes, *([] if gains is None else held), *idle, *without_effect, *_damping_asked(warnings, options))
+    asked = (*_contradicted(body, sections), *_damping_asked(warnings, options))
+    warnings = (*found.notes, *([] if gains is None else held), *idle, *without_effect, *asked)
     return Audited(replace(spec, assumptions=assumptions, warnings=warnings), sections, options, _motors(body, sections))
 
 
@@ -411,7 +413,28 @@ def _motors(body: RigidBody, sections: Mapping[str, Any]) -> str:
         return ""
     robot = _known_robot(body, [*sections["control"]["kp"]])
     whose = f"the joints are those of {robot.title}, and its" if robot is not None and robot.of_joints([*taken]) == taken else "the"
-    return f"{whose} motors' inertias are published figures: {grades_of(taken.values())} (--actuator)"
+    set_aside = {armature for name, armature in zip(body.joint_names, body.armature.tolist(), strict=True) if name in taken} - {0.0}
+    instead = "".join(f", in place of the model's armature of {one:g} kg·m², the same for unlike motors" for one in set_aside)
+    return f"{whose} motors' inertias are published figures{instead}: {grades_of(taken.values())} (--actuator)"
+
+
+def _contradicted(body: RigidBody, sections: Mapping[str, Any]) -> list[str]:
+    """Warning about armatures of the model that count, of a known robot whose motors' published inertias are others; [] for none."""
+    names = [*sections["control"]["kp"]]
+    robot, armature = _known_robot(body, names), dict(zip(body.joint_names, body.armature.tolist(), strict=True))
+    if robot is None:
+        return []
+    found: dict[tuple[str, float, str], list[str]] = {}
+    for name, actuator in robot.of_joints(names).items():
+        own, used = armature.get(name, 0.0), actuators()[actuator].used("motor_inertia")
+        counts = own > 0 and not {"motor_inertia", "rotor_inertia", "actuator"} & sections["joints"].get(name, {}).keys()
+        if counts and used is not None and not used.low / UNLIKE <= own <= used.high * UNLIKE:
+            found.setdefault((actuator, own, f"{digits(used.value, 'kg·m²', 3)}, {used.grade}"), []).append(name)
+    return [
+        f"{first_of_many(where)}: the model's armature, {own:g} kg·m², is not the published one of {robot.title}, {published}: "
+        f"--actuator PATTERN={actuator} takes that"
+        for (actuator, own, published), where in found.items()
+    ]
 
 
 def named_actuators(sections: Mapping[str, Any]) -> dict[str, str]:
@@ -426,12 +449,18 @@ def _known_robot(body: RigidBody, names: Sequence[str]) -> KnownRobot | None:
 
 
 def _recognised(body: RigidBody, names: Sequence[str]) -> dict[str, str]:
-    """Actuator of each joint of `names` whose motor the model does not describe, where its robot is known; {} where it is not."""
+    """Actuator of each joint of `names` whose motor the model does not describe, where its robot is known; {} where it is not.
+
+    One armature for motors of which published inertias differ describes none of them.
+    """
     robot = _known_robot(body, names)
     if robot is None:
         return {}
-    silent = {name for name, armature in zip(body.joint_names, body.armature.tolist(), strict=True) if armature == 0}
-    return {name: actuator for name, actuator in robot.of_joints(names).items() if name in silent}
+    own, armature = robot.of_joints(names), dict(zip(body.joint_names, body.armature.tolist(), strict=True))
+    published = [used.value for name in own if (used := actuators()[own[name]].used("motor_inertia")) is not None]
+    unlike = len(published) > 1 and max(published) > UNLIKE * min(published)
+    alike = unlike and len({armature.get(name) for name in own}) == 1
+    return {name: actuator for name, actuator in own.items() if alike or armature.get(name) == 0}
 
 
 def _with_gearboxes(sections: Mapping[str, Any], names: Sequence[str], types: Sequence[str]) -> dict[str, Any]:

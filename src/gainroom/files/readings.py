@@ -2,8 +2,8 @@
 
 - Actuators without velocity feedback (MJCF: kv = 0) on joints with damping of their own: that damping is the controller's kd in some
   training models, friction of the joint in others.
-- Where kp and kd run, for robots whose motor drives take kp and kd with every command: on the host, with all of the delay in the loop, or
-  in the drives.
+- Where kp and kd run, for robots and actuators whose motor drives take kp and kd with every command: on the host, with all of the delay in
+  the loop, or in the drives.
 """
 
 import re
@@ -15,7 +15,8 @@ import numpy as np
 from ..errors import listed
 from ..robot.formats.model_names import locate
 from ..robot.formats.xml_text import read_xml
-from .audit_options import Audited, AuditOptions, audited
+from .actuator_facts import actuators
+from .audit_options import Audited, audited, named_actuators
 from .gain_files import read_gains
 
 
@@ -94,14 +95,20 @@ def undamped(found: Audited) -> list[str]:
     return [name for name, one in zip(source.joint_names, bare.tolist(), strict=True) if one]
 
 
-def drive_reading(model: str, gains: Path | None, options: AuditOptions) -> Reading | None:
+def drive_reading(model: str, gains: Path | None, found: Audited) -> Reading | None:
     """Reading with kp and kd in the drives, at the rate DRIVE_RATE_HZ; None if the location was given, or no drive is known."""
-    if options.gains_run is not None or family_of(model, gains) is None:
+    options = found.options
+    if options.gains_run is not None or not (family_of(model, gains) or in_actuators(found)):
         return None
     there = replace(options, gains_run="drive", rate_hz=None, drive_rate_hz=DRIVE_RATE_HZ, drive_delay_ms=DRIVE_DELAY_MS)
     option = f"--gains-run drive --drive-rate-hz {DRIVE_RATE_HZ:g} --drive-delay-ms {DRIVE_DELAY_MS:g}"
     meaning = "the motor drives compute the torques, from target positions, kp and kd that the program sends"
     return Reading(option, meaning, audited(model, gains, there))
+
+
+def in_actuators(found: Audited) -> bool:
+    """True if joints have named actuators, and each of these takes kp and kd by what is published of it."""
+    return {actuators()[name].word("gains_run") for name in named_actuators(found.sections).values()} == {"drive"}
 
 
 def family_of(model: str, gains: Path | None = None) -> DriveFamily | None:

@@ -16,14 +16,14 @@ import numpy as np
 from ..errors import GainroomError, Together, first_of_many, named, nearest
 from ..io.validation import dotted, known, partly
 from ..io.yaml_text import read_text, shown
-from ..robot.actuators import actuators_of, drives_of, merge_entries
+from ..robot.actuators import actuators_of, drives_of, merge_entries, published_peaks
 from ..robot.assemble import require_movable
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.in_memory import as_file
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
-from ..robot.gearbox_types import ranges_of, sources
+from ..robot.gearbox_types import TYPES, ranges_of, sources
 from ..robot.mirror_names import images
 from ..robot.name_patterns import DEFAULT, assign, select_all, strongest
 from ..robot.robot import Posture, Robot, moved_inertia
@@ -138,7 +138,11 @@ def robot_spec(
         file.require_right()
         uncertainty, from_files = with_ranges(given(), entries(), nominal, body().joint_names)
         actuators, guessed = described()
-        uncertainty = replace(uncertainty, **ranges_of(actuators.gearbox))
+        types = actuators.gearbox
+        gearboxes = ranges_of(types, actuators.motor_inertia.tolist(), published_peaks(entries()))
+        uncertainty = replace(uncertainty, **gearboxes)
+        kept = zip(body().joint_names, types, gearboxes["resonance"][0].tolist() if gearboxes else (), strict=False)
+        stiff_enough = [name for name, kind, low in kept if kind and low > TYPES[kind].resonance[0]]
         return System(
             source=Robot(name, actuators, postures(), contacts(), tasks(), file.model.gravity_stiffness),
             drives=drives(),
@@ -156,7 +160,7 @@ def robot_spec(
                 *guessed,
                 *published_notes(entries(), body().joint_names),
                 *from_files,
-                *sources(dict.fromkeys(filter(None, actuators.gearbox))),
+                *sources(dict.fromkeys(filter(None, types)), stiff_enough),
             ),
             warnings=(*body().doubts, *body().notes, *_without_motor(file, body()), *_outside(postures())),
         )

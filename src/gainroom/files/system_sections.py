@@ -39,8 +39,8 @@ from ..system.uncertainty import Uncertainty
 from .actuator_facts import Actuator, actuators, unknown_actuator
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
-MAX_TICKS = 1000
-"""Maximum delay [ticks]: a sampled loop has one state per tick of delay."""
+MAX_TICKS, MAX_DELAY = 1000, 1.0
+"""Maximum delay [ticks], as a sampled loop has one state per tick of delay; and without a rate [s], as loci turn once per 2π/ω of it."""
 
 DELAY_MS = number(least=0, most=10_000, unit="ms")
 DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
@@ -595,10 +595,11 @@ def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
 
 
 def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:
-    """Raise GainroomError if a sampled loop would have too many ticks of delay; `sample_time` None: continuous.
+    """Raise GainroomError for a delay that no loop of a robot has; `sample_time` None: continuous.
 
     owner   the key or option that says so, and of which joint
     """
-    if sample_time is not None and delay > MAX_TICKS * sample_time:
-        most = f"{1e3 * MAX_TICKS * sample_time:g} ms, {MAX_TICKS} ticks at {1 / sample_time:g} Hz"
-        raise GainroomError(f"{owner}: {1e3 * delay:g} ms must be <= {most}")
+    longest = MAX_DELAY if sample_time is None else MAX_TICKS * sample_time
+    if delay > longest:
+        ticks = "without a rate" if sample_time is None else f"{MAX_TICKS} ticks at {1 / sample_time:g} Hz"
+        raise GainroomError(f"{owner}: {1e3 * delay:g} ms must be <= {1e3 * longest:g} ms, {ticks}")

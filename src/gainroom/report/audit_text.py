@@ -12,7 +12,8 @@ import numpy as np
 from .. import __version__
 from ..analysis.margin_record import PathMargins
 from ..errors import apart, at_frequency, beside, listed
-from ..files.audit_options import GIVEN, Audited
+from ..files.actuator_facts import actuators
+from ..files.audit_options import GIVEN, Audited, named_actuators
 from ..files.gain_context import gain_context
 from ..io.as_typed import as_typed
 from ..studies.audit import Audit
@@ -49,6 +50,8 @@ ELSEWHERE = ("gain_margin", "delay_margin")
 """Requirements whose least margins have their own JSON keys."""
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess if none is given."""
+HIGH_RATIO = 30.0
+"""Gear ratio up to which published actuators of legs have planetary gears, in one or two stages; from 50 on they have harmonic ones."""
 FEW_OWN = 2
 """Most joints with individual factors that are named one by one."""
 
@@ -321,8 +324,15 @@ def _assumed(result: Audit) -> tuple[list[str], str]:
     if rigid.any():
         given.append("your gearboxes (their type, `direct` where there are none, or `--stiffness` and `--damping`)")
         if rigid.all():
-            options += " --gearbox harmonic"
+            options += f" --gearbox {_likely_gearbox(result)}"
     return given, options
+
+
+def _likely_gearbox(result: Audit) -> str:
+    """Type of gearbox for a command to start from: that of most of the joints' actuators, as far as it is published."""
+    names = named_actuators(result.of.sections).values() if result.of is not None else ()
+    ratios = [used.value for name in names if (used := actuators()[name].used("ratio")) is not None]
+    return "planetary" if ratios and np.median(ratios) < HIGH_RATIO else "harmonic"
 
 
 def _not_yet(result: Audit, found: GainsToUse[Audit], call: str) -> Advice:

@@ -62,7 +62,7 @@ def headline(study: "Analysis", where: str = "", reading: str = "") -> str:
     if not study.unmet:
         return f"{LEVELS[level]}{where}: {listed(other)}."
     there = where if len(study.states) == 1 else ""
-    rest = f"{_nominally(study)}{_of_sway(study)}{without_motors(study)}"
+    rest = f"{_nominally(study)}{_of_sway(study) or _hardly_damped(study)}{without_motors(study)}"
     return f"{stable_but(_known_to_fail(study), _time(study))}{there}{_failing(study)}.{rest}"
 
 
@@ -192,6 +192,26 @@ def _of_sway(study: "Analysis") -> str:
     if len(names) < len(study.unmet):
         whose = f"{listed(names)} {'are' if len(names) > 1 else 'is'} missed by sway alone, which is no vibration".capitalize()
     return f" {whose}: {_swaying(found[0])}."
+
+
+def _hardly_damped(study: "Analysis") -> str:
+    """Sentence that the gains miss phase margin and Ms at slow swings, and would without any lag of the loop, too; "" otherwise.
+
+    Without its lag the loop is turned by φ = ω·lag at each frequency: the phase margin grows by φ, and |1 + L| by no more than |L| φ, with
+    |L| ≤ 1 + |1 + L|.
+    """
+    if not study.unmet or study.unmet.keys() - {"phase_margin", "peak_sensitivity"} or study.system.uncertainty.names:
+        return ""
+    turned, slowest = 0.0, math.inf
+    for name, state in study.unmet.items():
+        omega = REQUIREMENTS[name].frequency(study.worst_in(state).margins)
+        value, needed, turn = study.least(state, name), study.system.requirements.needed[name], omega * study.system.lag
+        missed = value + turn < needed if name == "phase_margin" else (1 + turn) / value + turn < 1 / needed
+        if not missed:
+            return ""
+        turned, slowest = max(turned, turn), min(slowest, omega)
+    lost = digits(math.degrees(turned), "°", 2)
+    return f" This is no vibration of the delay, which costs {lost} there: more kd damps a swing at {frequency_text(slowest)}."
 
 
 def _left_to_a_controller(study: "Analysis") -> str:

@@ -173,10 +173,15 @@ def actuators_of(
         columns[name] = np.array([math.inf if (value := getattr(entry, name)) is None else value for entry in entries])
     types = tuple("" if entry.gearbox in (None, DIRECT) else str(entry.gearbox) for entry in entries)
     for k in [k for k, kind in enumerate(types) if kind]:
-        columns["stiffness"][k], columns["damping"][k] = middle(types[k], inertia[k])
+        columns["stiffness"][k], columns["damping"][k] = middle(types[k], inertia[k], published_peaks(entries)[k])
     uninformed = np.isin(joint_names, [*without, *bare, *guessed])
     found = Actuators(motor_inertia=inertia, **columns, unknown=np.array(unsaid), uninformed=uninformed, gearbox=types)
     return found, tuple(warnings)
+
+
+def published_peaks(entries: Sequence[ActuatorEntry]) -> list[float]:
+    """Published peak torque (n,) of each joint's actuator [N m]; 0 where none is, as a limit in a model may be anything."""
+    return [entry.effort_limit or 0.0 if "effort_limit" in entry.published else 0.0 for entry in entries]
 
 
 def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:

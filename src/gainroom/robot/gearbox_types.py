@@ -44,6 +44,8 @@ TYPES: dict[str, GearboxType] = {
     )
 }
 """Gearbox types by the name that --gearbox takes."""
+WIND_UP = math.radians(5)
+"""Largest angle [rad] by which a gearbox turns at its motor's peak torque: WALK-MAN's, with a torsion bar in series, turn by 3.6°."""
 DIRECT = "direct"
 """The name for joints without a gearbox, which are rigid."""
 
@@ -82,23 +84,38 @@ def typed_gearboxes(typed: Sequence[str], joint_names: Sequence[str], given: Boo
     return TypedGearboxes(tuple(types), tuple(itertools.compress(joint_names, known)))
 
 
-def ranges_of(types: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
-    """Intervals of an Uncertainty for gearboxes of `types` (n,), NaN where the type is ""; {} where all are ""."""
+def resonances(kind: str, inertia: float, peak: float) -> tuple[float, float]:
+    """Range of a motor's resonance [rad/s] on a gearbox of this type: that of the type, above what WIND_UP allows.
+
+    inertia   of the motor [kg m²]; peak: its published peak torque [N m], 0 where none is known
+    """
+    low, high = TYPES[kind].resonance
+    return min(max(low, math.sqrt(peak / (WIND_UP * inertia)) if peak else 0.0), high), high
+
+
+def ranges_of(types: Sequence[str], inertia: Sequence[float], peak: Sequence[float]) -> dict[str, tuple[Floats, Floats]]:
+    """Intervals of an Uncertainty for gearboxes of `types` (n,), NaN where the type is ""; {} where all are "".
+
+    inertia, peak   (n,) of the motors, as `resonances` has them
+    """
     if not any(types):
         return {}
-    ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
+    ends = [
+        (*resonances(kind, *motor), *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4
+        for kind, *motor in zip(types, inertia, peak, strict=True)
+    ]
     low, high, least, most = np.array(ends).T
     return {"resonance": (low, high), "damping_ratio": (least, most)}
 
 
-def middle(kind: str, inertia: float) -> tuple[float, float]:
-    """Stiffness [N m/rad] and damping [N m s/rad] at the geometric middle of a type's range, for a motor of this inertia [kg m²]."""
-    omega, ratio = (math.sqrt(low * high) for low, high in (TYPES[kind].resonance, TYPES[kind].damping_ratio))
+def middle(kind: str, inertia: float, peak: float) -> tuple[float, float]:
+    """Stiffness [N m/rad] and damping [N m s/rad] at the geometric middle of a type's range, for a motor as `resonances` has it."""
+    omega, ratio = (math.sqrt(low * high) for low, high in (resonances(kind, inertia, peak), TYPES[kind].damping_ratio))
     return inertia * omega**2, 2 * ratio * inertia * omega
 
 
-def sources(types: Mapping[str, None]) -> list[str]:
-    """Sentences for users: each type with its range and source."""
+def sources(types: Mapping[str, None], stiff_enough: Sequence[str]) -> list[str]:
+    """Sentences for users: each type with its range and source; and joints that WIND_UP makes stiffer than their type."""
     found = []
     for one in map(TYPES.__getitem__, types):
         low, high = (f"{omega / (2 * math.pi):.0f}" for omega in one.resonance)
@@ -107,4 +124,7 @@ def sources(types: Mapping[str, None]) -> list[str]:
             f"{one.name} gearboxes: motors resonate at {low} to {high} Hz with the output held, damped by {least} to {most} % of critical "
             f"({one.source})"
         )
+    if stiff_enough:
+        angle = f"{math.degrees(WIND_UP):g}°"
+        found.append(f"the gearboxes of {first_of_many(stiff_enough)} turn by at most {angle} at their motors' published peak torque")
     return found

@@ -14,9 +14,9 @@ from .oscillation import Vibration, vibration
 from .robot_run import run_robot
 from .robot_setup import RobotSetup, hold, substeps_for
 
-INITIAL_SPEED = 1e-7
+INITIAL_SPEED = 1e-6
 """Initial motor speed [rad/s]. Of a vibration of amplitude a the second harmonic, which grows at twice its rate, has about a² [rad], and
-positions are rounded by 1e-16 rad: a is here about 1e-9, and both are below a millionth of it."""
+positions are rounded by 1e-16 rad: a is here about 1e-8, and both are a hundred-millionth of it."""
 TRANSIENT = 0.1
 """Share of a run discarded at its start, until fast transients have decayed."""
 FINE_STEPS, FINE = 4, 1.25e-4

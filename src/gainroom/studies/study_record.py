@@ -15,6 +15,9 @@ class StudyRecord:
         """Main picture of the command's page; a notebook shows it, `save(path)` writes a page."""
         return _report().picture_of(self)
 
+    def __str__(self) -> str:
+        return self.to_dict().get("sentence") or repr(self)
+
     def _repr_html_(self) -> str:
         """Card of the verdict, for a notebook."""
         return _report().card_of(self)

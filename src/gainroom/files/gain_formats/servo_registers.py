@@ -37,6 +37,7 @@ class ServoLaw:
     source            of all these
     per_d, per_i      steps of D [s] and I [1/s] beside those of P; None: not published, for the reason `unpublished`
     spread            ratio of the largest to the least kt/R of several published fits
+    version           actuator that this version alone is; "": no figures are published of it alone
     """
 
     duty: float
@@ -49,6 +50,7 @@ class ServoLaw:
     per_i: float | None = None
     unpublished: str = ""
     spread: float = 1.0
+    version: str = ""
 
     def stiffness(self, volts: float) -> float:
         """Torque per rad and step of P [N m/rad] at a supply of `volts`."""
@@ -75,7 +77,8 @@ def _bam(name: str, more: str) -> str:
 # github.com/Rhoban/bam, 1b5a1ce: error_gain of bam/feetech/actuator.py, kt and R of bam/params/feetech_sts3215_7_4V/m1.json; D written as 0
 # in bam/feetech/record.py.
 _STS3215_7V4 = ServoLaw(
-    0.166, 1.21164135295077, 2.6761663274455603, (4, 9), 254, _bam("feetech", "/feetech_sts3215_7_4V/m1.json"), unpublished=FEETECH_D
+    0.166, 1.21164135295077, 2.6761663274455603, (4, 9), 254, _bam("feetech", "/feetech_sts3215_7_4V/m1.json"), unpublished=FEETECH_D,
+    version="feetech-sts3215-7v4",
 )  # fmt: skip
 # github.com/kscalelabs/sysid, f4739df: error_gain measured at the leads in feetech/sts3215-12v/README.md, kt and R of
 # feetech/sts3215-12v/params/id004-params/m1.json, the fit that the README names; error_gain_ratio·kt/R of id004 to id008
@@ -189,7 +192,7 @@ class ServoSection(Section):
             self.ki or step * (law.per_i or 0.0) * self.i,
             **{key: getattr(self, key) for key in ("motor_inertia", "effort_limit", "stiffness", "damping", "link_viscous")},
             motor_viscous=law.back_emf,
-            actuator=self.servo,
+            actuator=law.version or self.servo,
         )
 
     def sentence(self) -> str:

@@ -30,6 +30,8 @@ def locate(file: str | Path | Mapping[str, str]) -> Path:
         return _shipped(file["file"]) if file["package"] == OURS else _in_package(file["package"], file["file"])
     if isinstance(file, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", file):
         raise GainroomError(f"model: {one_line(repr(file), 120)} is an address; download it, with what it includes, and give the file")
+    if isinstance(file, str) and file.lstrip().startswith("<"):
+        raise GainroomError("model: is XML text; give a file, or mujoco.MjModel.from_xml_string of it")
     if isinstance(file, str) and is_name(file):
         package, colon, inside = file.partition(":")
         return locate({"package": package, "file": inside}) if colon else _in_catalogue(file)
