@@ -85,6 +85,11 @@ def test_joints_of_a_robot_with_equal_numbers_are_together(tmp_path: Path, capsy
     assert (own["motor_inertia"], own["gearbox_stiffness"], own["effort_limit"]) == (0.77, 4321.0, 33.0)
     assert others
     assert all(first not in note for note in notes)
+    data["joints"][first] = {"motor_inertia": 0.77, "gearbox": "planetary"}
+    found, notes = exported(path, data, capsys)
+    own = next(one for one in found if first in one["target_names_expr"])
+    assert own["gearbox_stiffness"] == pytest.approx(0.77 * 100.0 * 1600.0)  # the geometric middle of the type's range
+    assert any(note.startswith(f"the gearbox of {first} is known by its type alone") for note in notes)
 
 
 def robot_joints(path: Path) -> tuple[str, ...]:

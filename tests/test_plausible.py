@@ -24,7 +24,7 @@ TESTBED = (EXAMPLES / "testbed-sampled.yaml").read_text()
 SLIPS = {
     "delay in µs": ("drive", "delay_ms", 400.0, "delay"),
     "delay in s": ("drive", "delay_ms", 0.002174, "delay"),
-    "delay of 2 s": ("drive", "delay_ms", 2000.0, "delay"),
+    "delay of 0.9 s": ("drive", "delay_ms", 900.0, "delay"),
     "delay in µs as ticks": ("drive", "delay_ticks", 500.0, "delay"),
     "bandwidth in kHz": ("drive", "bandwidth", 0.637, "bandwidth"),
     "damping ratio in percent": ("drive", "damping_ratio", 90.0, "damping_ratio"),

@@ -109,6 +109,9 @@ def _notes(system: System, names: tuple[str, ...]) -> Iterator[str]:
         yield f"no limit of the torque is known of {first_of_many(unlimited)}: give effort_limit"
     if rigid := system.source.unknown.get("gearbox_unknown"):
         yield f"the gearbox of {first_of_many(rigid)} is not known and taken as rigid, which vibrates later than an elastic one"
+    low = math.nan if system.uncertainty.resonance is None else system.uncertainty.resonance[0]
+    if typed := [name for name, one in zip(names, np.broadcast_to(low, len(names)).tolist(), strict=True) if not math.isnan(one)]:
+        yield f"the gearbox of {first_of_many(typed)} is known by its type alone, and written with the middle of that type's range"
     if system.control.command_delay:
         late = 1e3 * system.control.command_delay
         yield f"set-points are {late:g} ms late on their way: delay_min_lag and delay_max_lag have that, in physics steps"
