@@ -290,6 +290,7 @@ BANDWIDTH = Bandwidth("bandwidth", "bandwidth", "bandwidth_hz", "Hz", 1 / (2 * m
 """One that is at least so much, and is asked for where a file says nothing."""
 
 
+@pytest.mark.slow
 def test_a_usual_requirement_is_asked_for_where_nothing_is_said(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(REQUIREMENTS, BANDWIDTH.name, BANDWIDTH)
     path = tmp_path / "joint.yaml"

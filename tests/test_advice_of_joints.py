@@ -40,6 +40,7 @@ def joint_file(kind: str) -> dict[str, Any]:
     return file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, "testbed", "fig9", pytest.param("talos-knee", marks=pytest.mark.slow)])
 def test_recommended_gains_have_their_margins_in_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kind: str
@@ -70,6 +71,7 @@ WIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind == "harmonic" else pytest.mark.slow) for kind in WIDE])
 def test_gains_to_use_are_safe_over_the_range_in_one_round(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str):
     """Lowered for the worst gearboxes alone others were the worst then: harmonic ones took five rounds."""

@@ -68,6 +68,7 @@ def test_a_loop_that_no_delay_disturbs_has_an_endless_one():
     assert 0 < large.width < math.inf
 
 
+@pytest.mark.slow
 def test_random_joints_on_a_dense_grid_and_with_the_extra_delay():
     """Continuous and sampled: the certified value is that of 2·10⁵ frequencies, and no more than the delay margin."""
     rng, tried = np.random.default_rng(5), 0

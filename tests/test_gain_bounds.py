@@ -65,6 +65,7 @@ def best_on_grid(parts, box, largest_kp):
     return math.nan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["dynamic_stiffness", "largest_kp"])
 @pytest.mark.parametrize("box", BOXES)
 @pytest.mark.parametrize("parts", [ELBOW, pytest.param(TESTBED, marks=pytest.mark.slow)], ids=["elbow", "testbed"])
@@ -84,6 +85,7 @@ def test_no_gains_within_the_bounds_are_better(parts, box, objective):
     assert own >= 0.99 * best  # gains in few digits may lose 0.3 %, a peak between frequencies 0.3 %
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("box", "objective", "limit"),
     [

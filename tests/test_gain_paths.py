@@ -324,6 +324,7 @@ def test_the_first_screen_says_where_the_gains_run(options: tuple[str, ...], sai
 RANGES = "uncertainty: {stiffness: [8000, 12000], link_inertia: [8, 24]}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gains", "ranges"),
     [

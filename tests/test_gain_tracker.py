@@ -104,6 +104,7 @@ def as_it_is(loop: gr.Loop, rng: np.random.Generator) -> gr.Loop:
     return loop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [as_it_is, friction, lambda loop, rng: rigid(loop)], ids=["limbs", "friction", "rigid"])
 @pytest.mark.parametrize("number", range(12))
 def test_crossings_are_the_loops_own(change, number: int):

@@ -10,6 +10,7 @@ NEAR = 1e-4  # rightmost_roots finds roots to 1e-6 and better
 FREE = 1e-2  # [rad/s] roots at 0, of the free motion of joints that nothing controls
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(24))
 def test_the_limit_is_where_the_roots_of_the_whole_robot_cross(seed: int):
     """Random robots, continuous and at 1 kHz, of which one or two joints have gains: by all roots of the closed loop."""

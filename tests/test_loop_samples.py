@@ -115,6 +115,7 @@ def confirm(draw, number: int) -> str:
     return "; ".join(wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [limbs, chain])
 @pytest.mark.parametrize("number", range(SHARE))
 def test_share(draw, number):

@@ -256,6 +256,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "drive", "step"), OTHERS)
 def test_joints_of_other_kinds_have_bounds(joint: ElasticJoint, drive: Drive, step: float):
     """Rigid, without delay, at other rates, undamped: agreed on both grids, and not above what a soft PD with its ceilings reaches."""

@@ -121,6 +121,7 @@ def test_what_is_not_in_the_table_has_the_lowest_gains(table):
         assert (found.kp <= table.highest * table.own[:, 0].min(axis=0)).all()
 
 
+@pytest.mark.slow
 def test_postures_outside_are_told_and_their_gains_are_low_but_for_a_few(biped, table):
     """Of postures like the 75 looked at a share of more than x lies lower with a probability of (1 − x)^75: 0.1 % for 26 of 300."""
     rng, high, seen = np.random.default_rng(3), 0, []

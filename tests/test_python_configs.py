@@ -236,6 +236,7 @@ def drawn(random: Random) -> list[tuple[str, float, float]]:
     return [(pattern, random.randint(1, 4000) / 16, random.randint(1, 400) / 64) for pattern in patterns]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_every_spelling_is_read_as_the_literal(random: Random):
@@ -251,6 +252,7 @@ def test_every_spelling_is_read_as_the_literal(random: Random):
 HIDDEN = ("os.environ.get('X')", "load('x')", "CONSTANT", "json.loads(TEXT)['x']", "X.y[2]", "math.gamma(3)", "f'{X:{Y}}'", "int(X)")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_where_one_thing_is_not_known_all_is_refused_or_all_is_read(random: Random):

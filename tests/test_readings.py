@@ -147,6 +147,7 @@ def test_without_a_rate_gains_are_unsafe_where_they_are_at_all_usual_rates_and_n
         assert answer(capsys, "robot", robot(tmp_path, RIGID, kp, kd, delay, rate))["verdict"] == truths[rate]
 
 
+@pytest.mark.slow
 def test_the_rates_show_both_and_all_that_is_unsafe():
     """Or the test above shows nothing."""
     found = {name: set(at_rates(name).values()) for name in RATES}
@@ -283,6 +284,7 @@ ORDINARY = {
 """What is typed of gearboxes beside the delay and the rate, kp and kd; nothing else is known of the URDF."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ORDINARY)
 def test_an_ordinary_urdf_is_decided_by_delay_rate_and_gearbox(name: str, tmp_path: Path, capsys):
     typed, kp, kd = ORDINARY[name]

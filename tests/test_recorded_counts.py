@@ -123,6 +123,7 @@ def test_a_calm_one_lies_within_a_step_of_its_set_point():
     assert np.ptp(rest) <= 3 * made.known["step"]
 
 
+@pytest.mark.slow
 def test_two_masses_are_found_in_the_spectra_of_a_log_of_two_masses():
     """Which is what wrong models are judged by: of a plan's log all three to 5 %, friction taken for viscous; a load change moves one."""
     made = excited("right", 0, 1)

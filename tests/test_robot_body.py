@@ -31,6 +31,7 @@ from robot_bodies import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILY)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_an_mjcf_has_mujocos_dynamics(tmp_path: Path, name: str, seed: int):

@@ -174,6 +174,7 @@ BAD: dict[str, tuple[str | bytes, list[str]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_a_bad_file_gives_one_line_that_names_it(case: str, tmp_path: Path, capfd: Any, monkeypatch: pytest.MonkeyPatch):
     """And nothing else: nothing printed, nothing left behind."""

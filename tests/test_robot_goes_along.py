@@ -116,6 +116,7 @@ def same(audit: dict[str, Any], robot: dict[str, Any], named: bool = True) -> No
         assert audit[value] == robot["worst"][one][value]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.slow) for kind in KINDS])
 def test_an_audit_of_recommended_gains_is_of_the_same_robot(folder: Path, capsys: pytest.CaptureFixture[str], kind: str):
     robot = written(folder, kind)

@@ -315,6 +315,7 @@ def test_none_can_be_raised_where_one_set_holds_in_several_states():
     assert_none_can_be_raised(spec, safe(recommend_robot(spec)))
 
 
+@pytest.mark.slow
 def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Terminal, JSON and page tell the same phase margin under the same name, and the same least one of a single loop."""
     path = write_arm(tmp_path)

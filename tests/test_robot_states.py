@@ -258,6 +258,7 @@ def test_a_joint_that_the_file_leaves_slack_is_given_gains(folder: Path):
     assert np.all(gains.kp > 0)
 
 
+@pytest.mark.slow
 def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
     """What is safe in all states is safe in each, though every search stops within 2 %."""
     contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"

@@ -82,6 +82,7 @@ def assert_same(second: dict[str, Any], first: dict[str, Any], rel: float = 0.0)
             assert mine[key] == (near(other[key]) if other[key] is not None else None), (other["name"], key)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "form"),
     [pytest.param(*way, marks=() if way in DRAWN else pytest.mark.slow) for way in WAYS],
@@ -114,6 +115,7 @@ def test_an_audit_goes_through_a_form(folder: Path, capsys: pytest.CaptureFixtur
     assert_same(second, first, 1e-9 if form == "mjcf" else 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in ("arm", "panda") else pytest.mark.slow) for name in ROBOTS])
 def test_an_answer_goes_back(folder: Path, capsys: pytest.CaptureFixture[str], name: str):
     """With nothing but the model and its delay typed again, bit for bit."""
@@ -149,6 +151,7 @@ def printed_file(text: str, names: list[str]) -> str:
     return "\n".join(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.7, pytest.param(4.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in ("arm", "panda") else pytest.mark.slow) for name in ROBOTS])
 def test_gains_to_use_are_safe_in_one_round(folder: Path, capsys: pytest.CaptureFixture[str], name: str, factor: float):

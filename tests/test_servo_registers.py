@@ -112,6 +112,7 @@ def arm(folder: Path, text: str) -> tuple[str, str]:
     return str(folder / "arm.xml"), str(folder / "arm.yaml")
 
 
+@pytest.mark.slow
 def test_an_audit_says_the_conversion_and_judges_the_same_gains_in_newton_metres(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     model, servos = arm(tmp_path, f"drive_rate_hz: 500\ndrive_delay_ms: 4\ngains: {{pan: {SERVO}, lift: {SERVO}}}\n")
     assert main(["audit", model, "--delay-ms", "20", "--gains", servos, "--json"]) != 2

@@ -352,6 +352,7 @@ def with_gains(file: Path, factor: float) -> None:
     file.write_text(text.replace(f"kp: {kp}", f"kp: {factor * kp!r}").replace(f"kd: {kd}", f"kd: {factor * kd!r}"), "utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", ["gain_margin_db: 6.0", *(f"gain_margin_db: 6.0, peak_sensitivity: {most}" for most in (1.3, 2.5))])
 @pytest.mark.parametrize("samples", [1, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 3))])
 def test_a_sweep_recommends_nothing_that_its_own_search_refutes(tmp_path, capsys, samples, limits):

@@ -55,6 +55,7 @@ def test_it_moves_as_in_mujoco(tmp_path, name):
         assert_allclose(found, projected(*in_mujoco(text, body, q)), rtol=SOLVED, atol=SOLVED * np.abs(found).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in TIES if name not in ("weld elsewhere", "a site")])
 def test_it_stands_as_in_the_file_where_nothing_is_said_of_its_posture(tmp_path, name):
     body = load_model(write(tmp_path, tied(name)), passive=["tail", "gate"])

@@ -35,6 +35,7 @@ def case_of(pair) -> GainCase:
     return GainCase("", loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), gr.Requirements(gain_margin=2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", seeds(SHARE, ALL))
 def test_what_topples_is_counted_by_stiffness_alone(number):
     several = 0

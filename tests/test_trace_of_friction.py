@@ -37,6 +37,7 @@ def disagreements(start: int) -> dict[int, list[str]]:
     }
 
 
+@pytest.mark.slow
 def test_a_share_of_regions_is_what_the_count_says():
     assert not disagreements(SHARE)
 
@@ -62,6 +63,7 @@ SAMPLED = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), gr.P
 SOFT = gr.ElasticJoint(0.0408, 0.025, 13.9, 0.0151), gr.Drive(2000.0, 0.9, 2e-3), gr.PID(18.5, 69.3, 2.47)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "drive", "control"), [SAMPLED, SOFT], ids=["stiff", "soft"])
 @pytest.mark.parametrize("friction", TRACES)
 def test_a_trace_of_friction_changes_a_trace(friction, joint, drive, control):
@@ -133,6 +135,7 @@ def wrong_limits(index: int) -> list[str]:
     return [f"{pair.kind}: {name} at {factor}" for name, factor, told in claims if told is not (unstable(pair.machine.scaled(factor)) == 0)]
 
 
+@pytest.mark.slow
 def test_limits_of_some_coupled_joints_are_where_roots_pass():
     assert not [wrong for index in range(8) for wrong in wrong_limits(index)]
 

@@ -88,6 +88,7 @@ def test_boundary_encloses_what_the_region_contains(seed, sample_time, wanted):
     assert differ.mean() < 5e-3  # two points; a polyline of a few hundred is within 1e-3 of the curve
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", seeds(3, 6))
 def test_region_beside_its_edges(seed, sample_time):
@@ -102,6 +103,7 @@ def test_region_beside_its_edges(seed, sample_time):
     assert region.contains(kp, kd).tolist() == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("seed", seeds(4, 8))
 def test_region_maxima(seed, sample_time):

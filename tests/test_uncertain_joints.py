@@ -59,6 +59,7 @@ def assert_kept(numbers: range, inner: int = 200) -> None:
     assert not broken, f"seed {SEED}: requirement missed by {broken}"
 
 
+@pytest.mark.slow
 def test_share_of_the_population():
     assert_kept(range(SHARE), inner=40)
 
@@ -131,6 +132,7 @@ TESTBED = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2.5e-3)
 RANGES = gr.Uncertainty(delay=(2e-3, 3e-3), stiffness=(8e3, 12e3), link_inertia=(0.4, 4.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 @pytest.mark.parametrize("name", ["gain_margin", "phase_margin", "peak_sensitivity"])
 def test_nothing_false_is_proved(name, sample_time):

@@ -78,6 +78,7 @@ def test_half_of_the_range_that_costs_most_lies_between(study):
             assert system.requirements.met_by(gr.margins(case.loop(controller=gr.PD(half.kp, half.kd))))
 
 
+@pytest.mark.slow
 def test_gains_of_what_is_known_exactly_hold_there_and_hardly_more_would(study):
     """By margins at many joints of the remaining range; and of gains about them none that meet them all have a link 2 % stiffer."""
     system = study.system
@@ -102,6 +103,7 @@ def test_gains_of_what_is_known_exactly_hold_there_and_hardly_more_would(study):
         assert not any(met(*gains) and least(*gains) > ROUNDED**2 * one.value for gains in around)
 
 
+@pytest.mark.slow
 def test_one_quantity_that_is_known_is_all(study):
     single = replace(study.system, uncertainty=study.system.uncertainty.without("motor_inertia"))
     found = cost(study_joint(single))

@@ -81,6 +81,7 @@ def test_closed_chains_hold_what_contacts_hold():
     assert not len(gr.rightmost_roots(loop).unmoved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_round_off_of_what_contacts_hold_limits_no_joint(seed):
     """Tasks on legs closed by the ground: zero eigenvalues of W are round-off, of either sign; largest gains know nothing of it."""
@@ -163,6 +164,7 @@ HOLDS_OR_DRIFTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("controller", "drifts"), HOLDS_OR_DRIFTS)
 def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """A file's kp must be above 0; a script's may be 0."""

@@ -99,6 +99,7 @@ def test_a_robots_verdict_has_one_word_and_one_colour(
     assert headline.startswith(verdict)
 
 
+@pytest.mark.slow
 def test_gains_of_a_robot_that_fail_at_the_usual_rate_are_not_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     """Those for continuous time: folded on the page, with --verbose in the terminal; the command that finds others is there in full."""
     path = write_arm(tmp_path, WITHOUT_RATE)
@@ -158,6 +159,7 @@ def test_gains_for_the_usual_rate_say_how_they_hold_over_the_ranges():
     assert "proved" not in told.removeprefix("Not proved").lower()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINTS)
 def test_a_shipped_joint_has_its_clock_and_ends_in_gains_that_meet_its_limits(name: str):
     """As they are shown, put where they belong: nothing is missed, in the worst of the file's ranges either."""
@@ -285,6 +287,7 @@ def test_gains_that_would_hardly_damp_are_not_to_be_used_yet(capsys: pytest.Capt
         assert rings != ("Multiply " in terminal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranges", ["", "uncertainty: {delay_ms: [2.0, 2.5], stiffness: 10%}\n"])
 def test_the_delay_margin_of_gains_to_use_is_what_the_robot_has_with_them(tmp_path: Path, ranges: str):
     """Typed into the file, the smallest of all states and corners is the one that was shown; every digit that is typed was used."""
@@ -300,6 +303,7 @@ def test_the_delay_margin_of_gains_to_use_is_what_the_robot_has_with_them(tmp_pa
     assert study.margins_to_use.delay_margin == pytest.approx(min(typed.least(state, "delay_margin") for state in typed.states), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_large_numbers_have_no_exponent(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Of a huge joint with soft gains: factors of thousands, gains of tens of millions; on the terminal and on the page."""
     page = tmp_path / "joint.html"

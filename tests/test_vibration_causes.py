@@ -135,6 +135,7 @@ def test_a_set_point_that_answers_the_joint(rate: int, gain: float, kind: str):
     assert named(judged(setup, made)) == "outer_loop"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hz", "held"), [(2.0, 1), (4.0, 20)])
 def test_a_set_point_that_is_commanded_is_no_vibration(hz: float, held: int):
     """The same swings, from a generator; with harmonics, as a gait has them."""
