@@ -145,6 +145,16 @@ def test_control_mimo_is_refused():
         gr.loop_from(control.tf([[[1.0], [1.0]], [[1.0], [2.0]]], [[[1.0, 1.0], [1.0, 2.0]], [[1.0, 1.0], [1.0, 3.0]]]))
 
 
+def test_a_measured_response_is_refused():
+    """Splines through it go anywhere beyond its last frequency: this stable loop was called unstable."""
+    control = pytest.importorskip("control")
+    omega = np.geomspace(0.1, 1e4, 300)
+    for smooth in (True, False):
+        measured = control.frd(300.0 / (1j * omega * (1j * omega + 30.0)), omega, smooth=smooth)
+        with pytest.raises(gr.GainroomError, match="known at its own frequencies alone"):
+            gr.loop_from(measured)
+
+
 def test_control_unspecified_sample_time_is_refused():
     control = pytest.importorskip("control")
     with pytest.raises(gr.GainroomError, match="dt"):

@@ -484,6 +484,10 @@ def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -
     if not is_lti(lti):
         if not callable(lti):
             raise GainroomError(f"{type(lti).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
+        if hasattr(lti, "omega"):  # an interpolated one answers at any frequency, and called a stable loop unstable
+            raise GainroomError(
+                f"{type(lti).__name__} is known at its own frequencies alone, and roots are counted at all: fit an LTI to it"
+            )
         return Loop(1, None, function=lti, delays=np.array([delay]), unstable_poles=unstable_poles or 0)
     system = factored_from(lti)
     step = system.sample_time
