@@ -347,7 +347,7 @@ limits: {{phase_margin_deg: 30}}
 
 def test_a_slow_swing_that_no_delay_makes_is_said_to_be_none_of_its_vibrations():
     """atan(kd ω/kp) is the phase margin without a delay: of kd 4 22.6° at 1.66 Hz, of which 5 ms take 3.0°; of kd 6 33.3°."""
-    hint = "This is no vibration of the delay, which costs 3° there: more kd damps a swing at 1.66 Hz."
+    hint = "This is no vibration of the delay, which costs 3° there: these gains hardly damp a swing at 1.66 Hz."
     assert hint in swing(4.0, 5.0)
     assert "no vibration of the delay" not in swing(6.0, 10.0)  # 30° but for the delay
     assert "no vibration of the delay" not in swing(6.0, 0.5)  # none is missed

@@ -47,6 +47,8 @@ DIGITS = (4, 5, 6, 7)
 """Digits of rounded gains: the first number of them with which the requirements are met."""
 
 
+TIED = 1e-3
+"""Relative difference of two joints' margins below which round-off may decide which is less, as of mirrored legs."""
 AT_JOINT = ", least at "
 ON_BOUNDS = ", on the bounds "
 """What stands in the text of a nearest result before the bounds that its gains are on."""
@@ -333,14 +335,15 @@ def _nearest(cases: Sequence[GainCase], found: Raised, names: Sequence[str]) -> 
 
 
 def _worst_joint(case: GainCase, gains: Gains, name: str) -> int | None:
-    """The joint whose own loop has least of a margin; None where it is not of one loop, or not known."""
+    """The joint whose own loop has least of a margin, the first of those that are TIED; None where it is not of one loop, or not known."""
     if name not in REQUIREMENTS:
         return None
     with suppress(GainroomError):
         loop = case.loop(gains)
         each = REQUIREMENTS[name].of_loops(margins_outside(loop, margins(loop), case.left_out(gains)))
         if each is not None and not np.isnan(each).any():
-            return int(np.argmax(each) if REQUIREMENTS[name].at_most else np.argmin(each))
+            worst = each >= (1 - TIED) * each.max() if REQUIREMENTS[name].at_most else each <= each.min() + TIED * abs(each.min())
+            return int(np.flatnonzero(worst)[0])
     return None
 
 

@@ -211,7 +211,7 @@ def _hardly_damped(study: "Analysis") -> str:
             return ""
         turned, slowest = max(turned, turn), min(slowest, omega)
     lost = digits(math.degrees(turned), "°", 2)
-    return f" This is no vibration of the delay, which costs {lost} there: more kd damps a swing at {frequency_text(slowest)}."
+    return f" This is no vibration of the delay, which costs {lost} there: these gains hardly damp a swing at {frequency_text(slowest)}."
 
 
 def _left_to_a_controller(study: "Analysis") -> str:
