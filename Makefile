@@ -10,7 +10,7 @@ DEMO := build/demo
 # Every command that a test starts would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all tests mutants docs bench lint format lock wheels clean
+.PHONY: demo test test-all tests lowest mutants docs bench lint format lock wheels release-check clean
 
 # What the commands say is kept beside the pages; their progress is shown.
 demo: $(NATIVE)
@@ -39,6 +39,10 @@ test-all: $(NATIVE)
 tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q $(SLOW)
 
+# The quick tests with the oldest versions that pyproject.toml allows.
+lowest: $(NATIVE)
+	@scripts/lowest.sh $(VENV)
+
 # One process, and up to two minutes for each mutant: an idle machine tries more tests in them.
 mutants: $(NATIVE)
 	$(BIN)/python scripts/mutants.py
@@ -47,6 +51,7 @@ lint: $(STAMP) $(TYPES)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python scripts/lint_javascript.py
+	$(BIN)/python scripts/lint_shipping.py
 
 # Half a minute, and nothing new to say of sources that have passed.
 $(TYPES): $(STAMP) pyproject.toml $(shell find src -name '*.py' -o -name '*.pyi')
@@ -78,6 +83,10 @@ $(NATIVE): $(STAMP) CMakeLists.txt scripts/native.sh $(shell find src/gainroom/n
 # A source distribution, and a wheel that needs no compiler, in dist/.
 wheels:
 	@scripts/wheels.sh $(PYTHON)
+
+# A release but for its publication: what `make wheels` built is checked, installed into an empty environment and run.
+release-check: wheels
+	@scripts/release_check.sh $(PYTHON)
 
 # Newest versions that pyproject.toml allows, written down for everyone.
 lock:
