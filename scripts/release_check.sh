@@ -29,7 +29,8 @@ cmake --build "$room/loop" >>"$room/cmake.log"
 "$room/loop/control_loop" | tail -1
 
 for system in linux macos windows; do
-    "$bin/cibuildwheel" --print-build-identifiers --platform $system . | tr '\n' ' '
+    builds=$("$bin/cibuildwheel" --print-build-identifiers --platform $system .)
+    echo "$system: $(echo "$builds" | tr '\n' ' ')"
 done
 "$bin/python" - <<'END'
 from rattler_build import Stage0Recipe, VariantConfig
