@@ -1,16 +1,18 @@
 """The peers of the benchmarks are set up right: on a problem without what they do not model, they find the truth."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pytest import approx
 
 import gainroom as gr
-from benchmarks import identification, sysid_peer
-from benchmarks.table import print_table
+from benchmarks import habits, identification, sysid_peer
+from benchmarks.table import markdown, print_table
 from gainroom.simulation import Scenario, Testbed, simulate
 from identified import multisine, soft_loop
 
-TICK = 1e-3
+ROOT, TICK = Path(__file__).parents[1], 1e-3
 
 
 @pytest.mark.slow
@@ -39,3 +41,10 @@ def test_without_sysid_the_benchmark_says_so(monkeypatch: pytest.MonkeyPatch, ca
     monkeypatch.setattr(identification, "is_installed", lambda: False)
     print_table(identification.run(seed=0))
     assert "pip install 'mujoco[sysid]'" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_readme_has_what_people_do_instead_as_it_is_measured():
+    rows = [line for line in markdown(habits.run(seed=2017)).splitlines() if line.startswith("|")]
+    assert len(rows) == 6
+    assert "\n".join(rows) in (ROOT / "README.md").read_text("utf-8")
