@@ -91,11 +91,15 @@ def _parted(text: str) -> tuple[list[float], list[str]]:
 
 
 def _session(content: str, folder: str, fresh: bool) -> str:
-    """A terminal session played again: the commands, each with its output."""
-    result = ""
-    for line in content.splitlines():
+    """A terminal session played again: the commands, which go on after a backslash at "> ", each with its output."""
+    result, lines = "", iter(content.splitlines())
+    for line in lines:
         if line.startswith("$ "):
-            result += f"{line}\n{_output(line[2:], folder, fresh)}"
+            typed, command = [line], line[2:]
+            while command.endswith("\\"):
+                typed.append(next(lines))
+                command = command[:-1] + typed[-1].removeprefix("> ")
+            result += "\n".join(typed) + f"\n{_output(command, folder, fresh)}"
     return result
 
 
