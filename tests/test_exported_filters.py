@@ -324,7 +324,9 @@ def test_kd_on_the_drive_goes_along(folder: Path, capsys: pytest.CaptureFixture[
     path = "2000, kd_path: {delay_ms: 0.1, sample_rate_hz: 8000},"
     split = JOINT.replace("pid, kp: 2000, ki: 30", "pd, kp: 2000").replace("2000,\n", f"{path}\n")
     (folder / "knee.yaml").write_text(split, "utf-8")
-    found = parse_file(exported(capsys, "yaml", "knee.yaml", "out.yaml")["text"], Path("out.yaml")).origin
+    text = exported(capsys, "yaml", "knee.yaml", "out.yaml")["text"]
+    found = parse_file(text, Path("out.yaml")).origin
+    assert "delay: 0.1 ms in the drive at 8000 Hz for kd; 2.5 ms for kp; controller at 2000 Hz" in text
     assert (found.gains_run, found.drive_rate_hz, found.sample_rate_hz) == ("split", 8000.0, 2000.0)
     assert found.drive_delay_ms == pytest.approx(0.1, rel=1e-15)
 

@@ -2,6 +2,7 @@
 
 import datetime
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -205,6 +206,17 @@ def answer(**changes: Any) -> dict[str, Any]:
     actuators = [{"name": name, "motor_inertia": 0.1, "delay_ms": delay} for name, delay in (("hip", 2.0), ("knee", 3.0))]
     said = {"robot": "robot.yaml", "gainroom": "9", "states": [], "unstable_at": None, "sample_rate_hz": 2000.0}
     return said | {"recommended": recommended, "actuators": actuators} | changes
+
+
+GAINS_RUN_THERE = "gains_run: drive\ndrive_rate_hz: 4000\ndrive_delay_ms: 0.3"
+
+
+def test_the_header_says_which_delay_the_gains_feel(tmp_path: Path):
+    said = f"{GAINS_RUN_THERE}\ngains: {{hip: {{kp: 40, kd: 3}}}}\n"
+    (tmp_path / "gains.yaml").write_text(said, "utf-8")
+    found = read_gains(tmp_path / "gains.yaml")
+    text = export_gains(replace(found, origin=replace(found.origin, delay_ms=5.0)), "mjlab", None, None, "1.2.3", TODAY).text
+    assert "#   delay: 0.3 ms in the drive at 4000 Hz; of set-points 5 ms\n" in text
 
 
 def test_a_robots_answer_is_read(tmp_path: Path):

@@ -18,7 +18,7 @@ from .export_forms import FORMS, OF_WHOLE_FILES, refuse_integral
 from .export_forms.form import ExportedGains, ExportForm
 from .gain_context import context_flags, without_flag
 from .gain_files import gains_of, parse_file
-from .gain_formats.gain_record import ACTUATOR, Gain, GainFile
+from .gain_formats.gain_record import ACTUATOR, Gain, GainFile, Origin
 
 KEYS = ("kp", "kd", "ki", "motor_inertia", "effort_limit")
 """Numbers of one joint that an export has in JSON."""
@@ -188,10 +188,18 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     lines = [f"gains by gainroom {version}, {today.isoformat()}, from {file.source} ({file.form})"]
     if origin.robot:
         lines.append(f"  model: {Path(origin.robot).name}")
-    delay = "not said in that file" if origin.delay_ms is None else f"{origin.delay_ms:g} ms"
-    lines.append(f"  delay: {delay}" + (f"; controller at {origin.sample_rate_hz:g} Hz" if origin.sample_rate_hz else ""))
+    lines.append(f"  delay: {_delays(origin)}" + (f"; controller at {origin.sample_rate_hz:g} Hz" if origin.sample_rate_hz else ""))
     lines.append(f"  margins: {origin.margins or 'not known; gainroom audit computes them'}")
     return [printable(line)[:300] for line in lines]
+
+
+def _delays(origin: Origin) -> str:
+    """Delays of the loops in which the gains run, from measurement to torque, as text."""
+    host = "not said in that file" if origin.delay_ms is None else f"{origin.delay_ms:g} ms"
+    if origin.drive_delay_ms is None:
+        return host
+    drive = f"{origin.drive_delay_ms:g} ms in the drive" + (f" at {origin.drive_rate_hz:g} Hz" if origin.drive_rate_hz else "")
+    return f"{drive}; of set-points {host}" if origin.gains_run == "drive" else f"{drive} for kd; {host} for kp"
 
 
 def _not_held(found: GainFile, goal: ExportedGains) -> tuple[list[str], list[str]]:
