@@ -117,7 +117,7 @@ class Merits:
         return np.where(self.stable, self.objective + PRICE * np.maximum(self.excess + reserve, 0.0), UNSTABLE)
 
 
-def _as_many(grids: list[Floats]) -> list[Floats]:
+def as_many(grids: list[Floats]) -> list[Floats]:
     """Grids (m,) with as many frequencies each: shorter ones, of joints with other delays, get more in the middle of their widest steps."""
     most, found = max(map(len, grids)), []
     for grid in grids:
@@ -138,7 +138,7 @@ class Corners:
 
     def __init__(self, structure: Structure, joints: Sequence[Joint], ceilings: Ceilings, objective: Objective, density: float) -> None:
         self.structure, self.joints, self.ceilings, self.objective, self.density = structure, list(joints), ceilings, objective, density
-        self.omega = np.stack(_as_many([joint.grid(density) for joint in joints]))
+        self.omega = np.stack(as_many([joint.grid(density) for joint in joints]))
         self.rows = np.repeat(np.arange(len(joints)), self.omega.shape[1])
         self.every = responses(joints, self.omega.ravel(), self.rows)
         size = self.omega.shape[1]

@@ -1,4 +1,4 @@
-"""The joint whose controllers are compared, at every place where they are judged: in its box and, of a robot, in its states.
+"""The joint, or joints, whose controllers are compared, at every place where they are judged: in the box and, of a robot, in its states.
 
 A single joint is the robot of one joint in one state. Of a robot, the loops of all other joints are closed by the gains of its file.
 """
@@ -38,25 +38,39 @@ class Spot(NamedTuple):
 
 @dataclass(frozen=True)
 class ComparedJoint:
-    """One joint of a system.
+    """One joint of a system, or several together.
 
     system   with its box
-    index    of the joint
+    index    of the joint, of several the first
+    beside   indices of the joints that are compared together with it
     states   (posture, contact state) names, the softest first; structures are tuned in the first TUNED, and looked at in all
     """
 
     system: System
     index: int = 0
     states: tuple[tuple[str, str], ...] = (("", ""),)
+    beside: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, system: System, index: int = 0, states: Sequence[tuple[str, str]] | None = None) -> "ComparedJoint":
+    def of(
+        cls, system: System, index: int = 0, states: Sequence[tuple[str, str]] | None = None, beside: Sequence[int] = ()
+    ) -> "ComparedJoint":
         """Joint of `system` in `states`, the softest first, None: all; with the default box where the file has no uncertainty.
 
-        That is stiffness ± 20 % of this joint, and of a single one 0.5 to 1.5 times the load.
+        That is stiffness ± 20 % of this joint and those `beside` it, together, and of a single one 0.5 to 1.5 times the load.
         """
         every = system.source.states if states is None else states
-        return cls(_boxed(system, index), index, tuple(every[:MOST_STATES]))
+        return cls(_boxed(system, [index, *beside]), index, tuple(every[:MOST_STATES]), tuple(beside))
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Indices of all joints that are compared."""
+        return (self.index, *self.beside)
+
+    @property
+    def apart(self) -> "list[ComparedJoint]":
+        """The joints one by one."""
+        return [replace(self, index=joint, beside=()) for joint in self.joints]
 
     @property
     def is_single(self) -> bool:
@@ -149,7 +163,7 @@ class ComparedJoint:
         if self.is_single:
             return opened(system)
         plant, control = system.source.linearize(*self.states[state]), system.control
-        return Opened(Parts(plant, system.drives, system.controller(plant), control.feedback, control.sample_time), self.index)
+        return Opened(Parts(plant, system.drives, system.controller(plant), control.feedback, control.sample_time), *self.joints)
 
     def perturbed(self) -> list[Opened]:
         """Joints with other stiffness and delay and, of a single one, load, else in three of its states: 18, or fewer."""
@@ -182,7 +196,7 @@ class ComparedJoint:
         return self.text(spot) or "the nominal values"
 
 
-def _boxed(system: System, index: int) -> System:
+def _boxed(system: System, joints: Sequence[int]) -> System:
     if system.uncertainty.names:
         return system
     ranges, joint = {}, system.source
@@ -192,8 +206,8 @@ def _boxed(system: System, index: int) -> System:
             ranges["stiffness"] = tuple(factor * joint.stiffness for factor in STIFFNESS)
     else:
         stiffness = np.broadcast_to(joint.quantities["stiffness"], len(system.drives))
-        own = np.arange(len(stiffness)) == index
-        if math.isfinite(stiffness[index]):
+        own = np.isin(np.arange(len(stiffness)), joints) & np.isfinite(stiffness)
+        if own.any():
             ranges["stiffness"] = tuple(np.where(own, factor * stiffness, stiffness) for factor in STIFFNESS)
     return replace(system, uncertainty=Uncertainty(**ranges))
 

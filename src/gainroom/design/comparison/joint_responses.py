@@ -38,6 +38,8 @@ FIRM = 1e3
 """Return ratio, at half of half the rate, of a loop that holds a position firmly."""
 BUSY = 0.02
 """Share of the lag's inverse from which on loops close and filters act."""
+CALM = 13
+"""Frequencies of one joint below that, where its curves turn but little."""
 LIGHT = 0.1
 """Damping ratio below which a pole of the joint is taken out of a count of turns."""
 SPACING = 0.05
@@ -78,20 +80,30 @@ class Turns:
 
 
 class Opened:
-    """One joint of `parts`, its loop open and those of all other joints closed by the laws of `parts`.
+    """One or several joints (n) of `parts`, their loops open and those of all other joints closed by the laws of `parts`.
 
-    sampled   state space of sampled_state without whole ticks of the joint's own delay, of which there are `ticks`
+    sampled   state space of sampled_state without whole ticks of the joints' own delays, of which there are `ticks` (n,)
     """
 
-    def __init__(self, parts: Parts, joint: int = 0) -> None:
+    def __init__(self, parts: Parts, *joints: int) -> None:
         assert parts.sample_time is not None
-        self.parts, self.joint, self.sample_time = parts, joint, parts.sample_time
-        whole, fraction = split_delay(parts.delays[joint], parts.sample_time)
-        self.ticks, self._fraction = int(whole), float(fraction) * parts.sample_time
+        self.parts, self.joints, self.sample_time = parts, joints or (0,), parts.sample_time
+        self.ticks, fraction = split_delay(self.delays, parts.sample_time)
+        self._fraction = fraction * parts.sample_time
+
+    @property
+    def size(self) -> int:
+        """Number n of open joints."""
+        return len(self.joints)
+
+    @property
+    def delays(self) -> Floats:
+        """Delays (n,) [s] of the open joints' drives."""
+        return self.parts.delays[list(self.joints)]
 
     @cached_property
     def sampled(self) -> StateSpace:
-        return sampled_state(self.parts, self.joint, self._fraction)
+        return sampled_state(self.parts, self.joints, self._fraction)
 
     @cached_property
     def response(self) -> TriangularForm:
@@ -101,7 +113,7 @@ class Opened:
     @cached_property
     def in_time(self) -> TriangularForm:
         """Responses in continuous time without delays, all loops open: see sensed_state."""
-        return TriangularForm.of(sensed_state(self.parts, self.joint))
+        return TriangularForm.of(sensed_state(self.parts, self.joints))
 
     @cached_property
     def poles(self) -> Complexes:
@@ -125,16 +137,17 @@ class Opened:
     @property
     def _zeros_in_time(self) -> Complexes:
         """Zeros in s [1/s] of the position that is measured: poles of a loop that holds it firmly, which is 100 times as quick to find."""
-        side, state = SENSORS.index(self.parts.feedback.position), self.sampled
+        side, state, size = SENSORS.index(self.parts.feedback.position), self.sampled, self.size
         at = np.expm1(0.5j * math.pi) / self.sample_time  # half of half the rate
-        gain = FIRM / abs(self.response.at(np.array([at]))[0, side, COMMAND])
-        return _in_s(np.linalg.eigvals(state.a - gain * np.outer(state.b[:, COMMAND], state.c[side])).astype(complex), self.sample_time)
+        commands, measured = slice(0, size), slice(side * size, (side + 1) * size)
+        gain = FIRM / np.abs(np.diagonal(self.response.at(np.array([at]))[0, measured, commands]))
+        return _in_s(np.linalg.eigvals(state.a - (state.b[:, commands] * gain) @ state.c[measured]).astype(complex), self.sample_time)
 
     @property
     def lag(self) -> float:
-        """Lag of the joint's own torque [s]: delay, current loop, and a tick for hold and difference."""
-        drive = self.parts.drives[self.joint]
-        return drive.delay + 2 * drive.damping_ratio / drive.bandwidth + self.sample_time
+        """Longest lag of the joints' own torques [s]: delay, current loop, and a tick for hold and difference."""
+        drives = [self.parts.drives[joint] for joint in self.joints]
+        return max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in drives) + self.sample_time
 
     @property
     def lowest(self) -> float:
@@ -158,7 +171,7 @@ def opened(system: System) -> Opened:
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint at one place in its uncertainty, with the paths that laws run on.
+    """One joint, or several opened together, at one place in its uncertainty, with the paths that laws run on.
 
     reserves   extra delay [s] that is kept in reserve, by path
     path       of the drive; None: all runs on the host
@@ -185,7 +198,8 @@ class Joint:
         beside = BESIDE if density <= 1 else np.geomspace(BESIDE[0] / density, BESIDE[-1], round(density * len(BESIDE)))
         about = np.concatenate([-beside[::-1], beside])  # not at the resonance itself, where an undamped joint has a pole
         top, busy = self.fastest * (1 - 1e-6), max(BUSY / self.opened.lag, 2 * low)
-        parts = [np.geomspace(low, busy, 13)[:-1], np.geomspace(busy, top, math.ceil(density * math.log(top / busy) / SPACING))]
+        slow = CALM if self.opened.size == 1 else math.ceil(density * math.log(busy / low) / SPACING)  # where several joints sway together
+        parts = [np.geomspace(low, busy, slow)[:-1], np.geomspace(busy, top, math.ceil(density * math.log(top / busy) / SPACING))]
         parts += [np.minimum(one * (1 + about), self.fastest * (1 - 1e-6 * (2 + np.arange(len(about))))) for one in corners]
         return np.sort(np.concatenate(parts))
 
@@ -193,7 +207,7 @@ class Joint:
         """Data of the joint for a count of turns at omega (m,) [rad/s], rising; poles outside the circle count as those inside."""
         host, v, one = self.sample_times[HOST], self.variable(omega), self.opened
         poles = one.poles if self.path is None else one.poles_in_time
-        start = float(np.angle(v[0] - poles).sum()) + (one.ticks * float(omega[0]) * host if self.path is None else 0.0)
+        start = float(np.angle(v[0] - poles).sum()) + (one.ticks.sum() * float(omega[0]) * host if self.path is None else 0.0)
         upper = poles[poles.imag > 0]
         s = upper if self.path is not None else np.log(1 + host * upper) / host
         light = upper[-s.real < LIGHT * np.abs(s)]
@@ -216,15 +230,15 @@ class Joint:
         """Responses at omega (m,) [rad/s]."""
         return responses([self], omega, np.zeros(len(omega), dtype=int))
 
-    def _sensed(self, omega: Floats) -> Complexes:
-        """Responses (m, SENSORS, 2) from the torque command, without hold and delay where there is a path, and the load torque."""
+    def sensed(self, omega: Floats) -> Complexes:
+        """Responses (m, SENSORS n, 2 n) from torque commands, without hold and delay where there is a path, and from load torques."""
         v, one = self.variable(omega), self.opened
         if self.path is None:
             found = one.response.at(v)
-            found[:, :, COMMAND] *= np.exp(-1j * omega * (one.ticks * self.sample_times[HOST]))[:, None]
+            found[:, :, : one.size] *= np.exp(-1j * np.multiply.outer(omega, one.ticks * self.sample_times[HOST]))[:, None, :]
             return found
-        found = one.in_time.at(v)
-        own, others = found[:, : len(SENSORS), :OWN], others_of(one.parts, one.joint)
+        found, sensors, inputs = one.in_time.at(v), len(SENSORS) * one.size, OWN * one.size
+        own, others = found[:, :sensors, :inputs], others_of(one.parts, one.joints)
         if not others:
             return own
         size = one.parts.plant.size
@@ -232,9 +246,9 @@ class Joint:
         late = np.exp(-1j * np.multiply.outer(omega, one.parts.delays[others] + one.sample_time / 2))
         held = np.sinc(omega * one.sample_time / (2 * math.pi))
         law = one.parts.controller.matrix(1j * omega, delta, size, one.sample_time)[:, others] * (late * held[:, None])[:, :, None]
-        reached, seen = found[:, :, OWN:], found[:, len(SENSORS) :]
-        pushed = np.linalg.solve(np.eye(len(others)) + law @ seen[:, :, OWN:], law @ seen[:, :, :OWN])
-        return own - reached[:, : len(SENSORS)] @ pushed
+        reached, seen = found[:, :, inputs:], found[:, sensors:]
+        pushed = np.linalg.solve(np.eye(len(others)) + law @ seen[:, :, inputs:], law @ seen[:, :, :inputs])
+        return own - reached[:, :sensors] @ pushed
 
 
 def responses(joints: Sequence[Joint], omega: Floats, rows: Integers) -> Responses:
@@ -242,11 +256,11 @@ def responses(joints: Sequence[Joint], omega: Floats, rows: Integers) -> Respons
     found = np.empty((len(omega), len(SENSORS), OWN), dtype=complex)
     for k, joint in enumerate(joints):
         if np.any(own := rows == k):
-            found[own] = joint._sensed(omega[own])
+            found[own] = joint.sensed(omega[own])
     path, steps = joints[0].path, joints[0].sample_times
     if path is None:
         return Responses(omega, {HOST: found[:, :, COMMAND]}, found[:, :, LOAD], {HOST: np.ones(len(omega))})
-    drives = [joint.opened.parts.drives[joint.opened.joint] for joint in joints]
+    drives = [joint.opened.parts.drives[joint.opened.joints[0]] for joint in joints]
     passed = np.abs(current_loop(drives[0]).at(1j * omega)) ** 2
     delays = {HOST: np.array([drive.delay for drive in drives])[rows], DRIVE: path.delay}
     commands, heard = {}, {}

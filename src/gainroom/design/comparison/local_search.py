@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from ...native import _core
-from ...system.linear.arrays import Floats, Integers
+from ...system.linear.arrays import Booleans, Floats, Integers
 from .closed_loop import PRICE, Corners, Curves, curves
 from .joint_responses import responses
 
@@ -67,19 +67,35 @@ def polished(
     corners: Corners, start: Floats, reserve: float, progress: Callable[[], None] = lambda: None, steps: int = STEPS
 ) -> Polished | None:
     """Best parameters that a local search reaches from `start`, ceilings kept by `reserve` [ln]; None where `start` is unstable."""
-    low, high = corners.structure.limits
+    return descended(lambda x: model_at(corners, x), corners.structure.limits, start, reserve, progress, steps)
+
+
+def descended(
+    model: Callable[[Floats], Model | None],
+    limits: tuple[Floats, Floats],
+    start: Floats,
+    reserve: float,
+    progress: Callable[[], None] = lambda: None,
+    steps: int = STEPS,
+    inner: int = INNER,
+) -> Polished | None:
+    """Best coordinates between `limits` that a local search by `model` reaches, as of polished; None where there is none at `start`.
+
+    inner   most programmes over one model: of many coordinates more are worth their time
+    """
+    low, high = limits
     x = np.clip(start, low, high)
-    here = model_at(corners, x)
+    here = model(x)
     if here is None:
         return None
     radius = RADIUS
     for _ in range(steps):
         progress()
         cost = here.cost(here.values, reserve)
-        step, promised = _least(here, reserve, np.maximum(-radius, low - x), np.minimum(radius, high - x))
+        step, promised = _least(here, reserve, np.maximum(-radius, low - x), np.minimum(radius, high - x), inner)
         if promised < PROMISE or radius < LEAST:
             break
-        there = model_at(corners, x + step)
+        there = model(x + step)
         gained = -math.inf if there is None else cost - there.cost(there.values, reserve)
         if there is not None and gained > 0.1 * promised:
             x, here = x + step, there
@@ -90,7 +106,7 @@ def polished(
     return Polished(x, float(here.values[here.objective].max()), float(here.values[~here.objective].max()))
 
 
-def _least(model: Model, reserve: float, low: Floats, high: Floats) -> tuple[Floats, float]:
+def _least(model: Model, reserve: float, low: Floats, high: Floats, inner: int) -> tuple[Floats, float]:
     """Step (n,) between `low` and `high` with about the least cost of the model, and by how much that is less."""
     size = len(low)
     step, radius = np.zeros(size), float(np.maximum(high, -low).max())
@@ -99,7 +115,7 @@ def _least(model: Model, reserve: float, low: Floats, high: Floats) -> tuple[Flo
     rows, offsets = slopes, values  # tangents, as functions of the step from the present one
     bend, pull = np.full(size + 1, PULL), np.r_[np.zeros(size), 1.0]
     kinds = model.objective
-    for _ in range(INNER):
+    for _ in range(inner):
         base = float(values[model.objective].max())
         programme = np.c_[rows, -1.0 * kinds]
         aim = np.where(kinds, offsets - base, offsets + reserve)
@@ -145,7 +161,7 @@ def model_at(corners: Corners, x: Floats) -> Model | None:
                     value = objective.value(np.abs(whole.compliance[:, own]), corners.omega[k], weights)
                     parts.append((np.log(value)[:, None], True))
         found = [_model(values[:, :, None], first, second, np.zeros(1, dtype=bool), of) for values, of in parts]
-        kind, rows, at, inner = _tops(corners.omega, _logs(here, objective.is_peak), objective.below)
+        kind, rows, at, inner = tops(corners.omega, _logs(here, objective.is_peak), objective.below)
         beside = np.exp(STEP * np.array([0.0, 1.0, -1.0]))
         there = responses(corners.joints, (at[:, None] * beside).ravel(), np.repeat(rows, 3))
         near = curves(structure, x + STEP * around, joint, there, corners.ceilings)
@@ -181,14 +197,25 @@ def _model(values: Floats, first: Integers, second: Integers, shifts: Floats, ob
     bends[:, first, second] = bends[:, second, first] = mixed
     if values.shape[2] == 3:
         above, below = values[..., 1], values[..., 2]
-        bent = (above[0] + below[0] - 2 * top) / STEP**2
         slanted = ((above - below)[1 : 1 + size] - (above - below)[1 + size : 1 + 2 * size]).T / (4 * STEP**2)
-        moves = shifts & (bent < -1e-3)
-        share = np.where(moves, -1 / np.where(moves, bent, 1.0), 0.0)
-        inclined = (above[0] - below[0]) / (2 * STEP)
-        top = top + np.where(np.abs(inclined * share) < FARTHEST, inclined**2 * share / 2, 0.0)  # at the peak, if it was not met
-        bends += share[:, None, None] * slanted[:, :, None] * slanted[:, None, :]
+        top, moved = followed(np.stack([top, above[0], below[0]]), slanted, shifts)
+        bends += moved
     return top, slopes, bends, np.full(count, objective)
+
+
+def followed(values: Floats, slanted: Floats, shifts: Booleans) -> tuple[Floats, Floats]:
+    """Values (p,) at peaks that move with a step, and what that adds to their curvatures (p, n, n).
+
+    values (3, p) at a peak's frequency, and STEP above and below it in ln ω; slanted (p, n) derivatives of the slopes by ln ω
+    shifts   True (p,) for peaks between frequencies, which move
+    """
+    top, above, below = values
+    bent = (above + below - 2 * top) / STEP**2
+    moves = shifts & (bent < -1e-3)
+    share = np.where(moves, -1 / np.where(moves, bent, 1.0), 0.0)
+    inclined = (above - below) / (2 * STEP)
+    met = np.where(np.abs(inclined * share) < FARTHEST, inclined**2 * share / 2, 0.0)  # at the peak, if it was not met
+    return top + met, share[:, None, None] * slanted[:, :, None] * slanted[:, None, :]
 
 
 def _logs(found: Curves, with_objective: bool) -> list[Floats]:
@@ -197,7 +224,7 @@ def _logs(found: Curves, with_objective: bool) -> list[Floats]:
     return [*logs, np.log(np.abs(found.compliance))] if with_objective else logs
 
 
-def _tops(omega: Floats, logs: list[Floats], below: float) -> tuple[Integers, Integers, Floats, Floats]:
+def tops(omega: Floats, logs: list[Floats], below: float) -> tuple[Integers, Integers, Floats, Floats]:
     """Curve, corner and frequency (p,) of the highest peaks of the curves `logs` (1, corners · m) at omega (corners, m).
 
     The frequency is that of the top of a parabola in ln ω; of the compliance, the third curve, up to `below`. Last, True (p,) for peaks

@@ -13,7 +13,7 @@ from .joint_responses import Opened
 
 def opened_loop(opened: Opened, alone: System) -> Loop:
     """Loop of the joint `opened`, closed by the controller of `alone`, a system of that joint alone."""
-    joint = ExactJoint.of(opened.parts, opened.joint)
+    joint = ExactJoint.of(opened.parts, opened.joints[0])
     controller, feedback = alone.control.controller, alone.control.feedback
     if controller.laws:
         feedback = Feedback.of_law(controller.laws)

@@ -65,7 +65,7 @@ class Problem:
         reserves = {HOST: self.ceilings.delay_reserve}
         if not structure.in_drive:
             return Joint(opened, reserves, None)
-        delay = opened.parts.drives[opened.joint].delay
+        delay = float(opened.delays.max())
         share = self.ceilings.delay_reserve / delay if delay > 0 else 0.0
         return Joint(opened, reserves | {DRIVE: share * self.path.delay}, self.path)
 
@@ -126,7 +126,7 @@ def searched(
     coarse = problem.corners(structure, chosen, COARSE)
     fine = problem.corners(structure, chosen, FINE)
     begun = [one for start in starts if (one := polished(coarse, start, RESERVE, progress, FEW)) is not None]
-    begun = sorted(begun, key=_rank)
+    begun = sorted(begun, key=rank)
     ends = _polished(fine, [one.x for one in begun[:POLISHED]], progress)
     for seed in range(MOST_SEEDS):
         hopeless = seed > SEEDS and not any(one.excess <= KEPT for one in ends)
@@ -134,7 +134,7 @@ def searched(
             break
         known = [one.x for one in begun] if seed % 2 else []  # every other one knows nothing of smaller structures
         members, costs = evolved(coarse, seed, GENERATIONS * len(structure.parameters), known, RESERVE, progress)
-        ends = sorted(ends + _polished(fine, _apart(members, costs), progress)[:1], key=_rank)
+        ends = sorted(ends + _polished(fine, _apart(members, costs), progress)[:1], key=rank)
     if not ends:
         return None
     best, gap = ends[0], _gap(ends)
@@ -184,10 +184,10 @@ def rounded(structure: Structure, x: Floats) -> Floats:
 def _polished(corners: Corners, starts: Sequence[Floats], progress: Callable[[], None]) -> list[Polished]:
     """Ends of local searches, the best first."""
     found = [polished(corners, start, RESERVE, progress) for start in starts]
-    return sorted((one for one in found if one is not None), key=_rank)
+    return sorted((one for one in found if one is not None), key=rank)
 
 
-def _rank(one: Polished) -> tuple[bool, float, float]:
+def rank(one: Polished) -> tuple[bool, float, float]:
     """Those that keep the ceilings first, by their objective; then by what exceeds them."""
     missed = one.excess > KEPT
     return missed, one.excess if missed else one.objective, one.objective
