@@ -1,5 +1,6 @@
 """gainroom compare: what another controller, another sensor, or damping in the drive buys a joint at equal robustness."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,9 @@ from .output import present
 from .progress import progress_bar
 
 if TYPE_CHECKING:
+    from ..design.comparison.compared_joint import ComparedJoint
     from ..studies.comparison import Comparison, ComparisonSettings, Row
+    from ..system.system import System
 
 
 def compare(
@@ -23,7 +26,15 @@ def compare(
     ],
     joint: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Joint of a robot.yaml, all others closed by its gains; else the softest.", show_default=False),
+        typer.Option(
+            metavar="NAME",
+            help="Joint of a robot.yaml, or a pattern of several together, all others closed by its gains; else the softest.",
+            show_default=False,
+        ),
+    ] = None,
+    state: Annotated[
+        str | None,
+        typer.Option(metavar="POSTURE/CONTACT", help="State for several joints together, else the softest.", show_default=False),
     ] = None,
     structures: Annotated[
         str | None,
@@ -62,6 +73,7 @@ def compare(
       gainroom compare joint.yaml --torque-sensor 0.05
       gainroom compare joint.yaml --structures pd,split --write better.yaml --take split
       gainroom compare robot.yaml --joint left_knee
+      gainroom compare robot.yaml --joint "left_.*" --state stand/left
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 interrupted.
     """
@@ -69,7 +81,11 @@ def compare(
     from ..files.compare_section import assumption
     from ..files.compared_joint import load_compared
 
-    given, settings, one = load_compared(file, joint)
+    given, settings, one = load_compared(file, joint, state)
+    if one.beside:
+        alone = {"torque-sensor": torque_sensor, "noise": noise, "objective": objective, "best-known": best_known or None}
+        _refuse_of_one(alone | {"write": write, "take": take, "report": report})
+        return _together(file, given, one, _structures(structures, None, None)[0], assumption(given, settings), as_json, verbose)
     settings = _settings(settings, torque_sensor, noise, objective)
     keys, taken = _structures(structures, take, write)
     with report_stream(report, write) as page, text_output(write, "copy of the file", yaml_of="--write") as copy:
@@ -88,6 +104,29 @@ def compare(
             page.write(comparison_page(shown, typed_command(context)))
         if copy is not None and row is not None:
             copy.write(_text_of_copy(found, row, file))
+    return 0
+
+
+def _refuse_of_one(given: Mapping[str, object]) -> None:
+    """Raise GainroomError for the first option given that several joints together do not have."""
+    from ..errors import GainroomError
+
+    for option, value in given.items():
+        if value is not None:
+            raise GainroomError(f"--{option}: is of one joint; several together are held to σ_max(S) and the delay disk, and printed")
+
+
+def _together(
+    file: Path, given: "System", joint: "ComparedJoint", keys: list[str] | None, assumed: list[str], as_json: bool, verbose: bool
+) -> int:
+    """Compare several joints together, and print it; `given` has the ranges of the file."""
+    from ..errors import named
+    from ..report.coupled_comparison import CoupledPresentation
+    from ..studies.coupled_comparison import compare_together
+
+    with progress_bar("compare:") as progress, named(str(file)):
+        found = compare_together(joint, keys, ranged=bool(given.uncertainty.names), progress=progress)
+    present(CoupledPresentation(found, assumed), as_json, verbose)
     return 0
 
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..design.comparison.compared_joint import ComparedJoint
-from ..errors import named
+from ..errors import GainroomError, named
 from ..io.as_typed import as_typed
-from ..robot.name_patterns import DEFAULT
+from ..robot.name_patterns import DEFAULT, select_all
 from ..studies.comparison import Comparison, ComparisonSettings, Row, compared_joint
+from ..studies.coupled_comparison import compared_joints
 from ..system.controller import Compensator, type_of
 from ..system.filters import FILTERS
 from ..system.requirements import REQUIREMENTS
@@ -32,18 +33,30 @@ UNITS = {"delay": ("delay_ms", 1e3)}
 """Keys of `uncertainty` that differ from the name of the quantity, and their units per SI."""
 
 
-def load_compared(path: Path, joint: str | None = None) -> tuple[System, ComparisonSettings, ComparedJoint]:
+def load_compared(path: Path, joint: str | None = None, state: str | None = None) -> tuple[System, ComparisonSettings, ComparedJoint]:
     """Joint of a joint.yaml, or a joint of a robot.yaml, None the softest: as its file describes it, what is compared, and where.
+
+    joint   a pattern that matches several joints: all of them together, in one `state`, "posture/contact", None: where one is softest
 
     Raises GainroomError, one line that names the file.
     """
     if kind_of_file(path) != "robot":
+        if state is not None:
+            raise GainroomError(f"--state {state}: is of several joints of a robot.yaml")
         given, settings = load_comparison(path)
         with named(str(path)):
             return given, settings, compared_joint(given, joint)
     system = load_robot_system(path)
     with named(str(path)):
-        one = compared_joint(system, joint)
+        names = system.source.joint_names
+        (found,) = [()] if joint is None else select_all([joint], names, "--joint", all_match=False)
+        if state is not None and len(found) < 2:
+            raise GainroomError(f"--state {state}: is of several joints together; one joint is compared in all states")
+        if len(found) > 1:
+            posture, _, contact = (state or "").partition("/")
+            one = compared_joints(system, found, None if state is None else (posture, contact))
+        else:
+            one = compared_joint(system, names[found[0]] if found else joint)
     given = one.alone if system.uncertainty.names else replace(one.alone, uncertainty=Uncertainty())
     return given, CompareSection.model_validate({}).settings(given), one
 

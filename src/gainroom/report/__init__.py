@@ -11,7 +11,7 @@ audit        audit, audit_text; gearboxes, simulator_text
 simulate     simulation, simulation_text; curves
 sweep        sweep, sweep_text; workspace: a sweep as a part of another page
 verify       verification, verification_text
-compare      comparison, comparison_text
+compare      comparison, comparison_text; coupled_comparison: of several joints together
 actuators    actuator_text
 identify     identification, identified_text, log_text, estimate_columns; plan; diagnosis, diagnosis_text
 programs     study_records: a study's numbers, card and picture in Python

@@ -479,12 +479,18 @@ def control_lines(system: System) -> list[str]:
     """Lines of `control` in a joint.yaml, without what the file has already."""
     found = []
     for key, value in control_section(system).items():
-        line = f"{key}: {plain(value)}"
-        while len(line) > WIDE and (cut := line.rfind(", ", 0, WIDE)) > 0:
-            found.append(line[: cut + 1])
-            line = "  " + line[cut + 2 :]
-        found += [line] if key not in ("sample_rate_hz", "feedback") or (key == "feedback" and isinstance(value, dict)) else []
+        if key not in ("sample_rate_hz", "feedback") or (key == "feedback" and isinstance(value, dict)):
+            found += wrapped(f"{key}: {plain(value)}")
     return found
+
+
+def wrapped(line: str) -> list[str]:
+    """Line to type as lines of at most WIDE characters, broken behind commas."""
+    found = []
+    while len(line) > WIDE and (cut := line.rfind(", ", 0, WIDE)) > 0:
+        found.append(line[: cut + 1])
+        line = "  " + line[cut + 2 :]
+    return [*found, line]
 
 
 def robot_gains(joint: str, robot: System) -> list[str]:

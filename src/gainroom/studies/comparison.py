@@ -243,12 +243,12 @@ def compare(
     chosen = settings or ComparisonSettings(sensor_noise=assumed_noise(boxes))
     wanted = _wanted(one, chosen, structures)
     path = chosen.path or usual_path(boxes)
-    problem = Problem(one, _ceilings(boxes, chosen), chosen.objective, path)
+    problem = Problem(one, ceilings_of(boxes, chosen), chosen.objective, path)
     bounded = bound and problem.objective == Objective()
     if best_known and not bounded:
         raise GainroomError("the best known controller stands beside the bound: it needs that, and the objective dynamic_stiffness")
     steps = _Steps(progress, 1 + (2 if nominal else 1) * len(wanted) + bounded + best_known)
-    plain = structure_of("pd", _position(boxes)).scaled_to(boxes, path)
+    plain = structure_of("pd", position_of(boxes)).scaled_to(boxes, path)
     steps.tell("pd, whose noise is the ceiling of the torque noise")
     pd = {box: searched(problem, plain, (), None if box else [Spot()], steps.checkpoint) for box in (True, False)}
     if problem.ceilings.torque_noise is None and plain.position in problem.ceilings.sensor_noise and (made := _noises(problem, pd)):
@@ -272,7 +272,7 @@ def assumed_step(system: System) -> float:
 
 def assumed_noise(system: System) -> dict[str, float]:
     """Deviation [rad] by sensor of the encoder that is assumed; {} where the drive has a resolution."""
-    return {} if system.drives[0].resolution else {_position(system): assumed_step(system) / math.sqrt(12)}
+    return {} if system.drives[0].resolution else {position_of(system): assumed_step(system) / math.sqrt(12)}
 
 
 def compared_joint(system: System, joint: str | None = None) -> ComparedJoint:
@@ -311,7 +311,7 @@ def _bounded(found: Comparison, plain: Structure, pd: Found | None, steps: "_Ste
 
     A joint of a robot is held by the best PD, the controller `pd` of the structure `plain`.
     """
-    ceilings, sensor, compared = found.ceilings, _position(found.system), found.joint
+    ceilings, sensor, compared = found.ceilings, position_of(found.system), found.joint
 
     if not compared.is_single and pd is None:
         return replace(found, unbounded="no PD was found that holds the joint at every corner of the box")
@@ -360,7 +360,7 @@ def _wanted(joint: ComparedJoint, settings: ComparisonSettings, structures: Sequ
     """Structures asked for, each once. Raises GainroomError for one whose sensor is not known."""
     system = joint.alone
     entries = tuple(structures if structures is not None else settings.structures)
-    position, sensors = _position(system), {_position(system), *settings.sensor_noise}
+    position, sensors = position_of(system), {position_of(system), *settings.sensor_noise}
     elastic = math.isfinite(system.source.stiffness)
     found: dict[str, Structure] = {}
     for entry in entries or (USUAL if joint.is_single else OF_ROBOTS):
@@ -376,7 +376,7 @@ def _wanted(joint: ComparedJoint, settings: ComparisonSettings, structures: Sequ
     return list(found.values())
 
 
-def _position(system: System) -> str:
+def position_of(system: System) -> str:
     """Sensor of the position: that of the file's gains. Raises GainroomError where they measure both sides."""
     feedback = system.control.feedback
     if feedback.mixed:
@@ -391,14 +391,14 @@ def usual_path(system: System) -> GainPath:
     return GainPath(DRIVE_DELAY, step / max(1, math.ceil(DRIVE_RATE * step - 1e-9)))
 
 
-def _ceilings(system: System, settings: ComparisonSettings) -> Ceilings:
+def ceilings_of(system: System, settings: ComparisonSettings) -> Ceilings:
     """Ceilings that every structure is held to; the torque noise None where it is that of the best PD."""
     asked = {name: getattr(system.requirements, name) for name in system.requirements.asked}
     reserve = asked.get("delay_reserve", SHARE * system.delay)
     noise = settings.torque_noise if settings.torque_noise is not None else asked.get("torque_noise")
     sensed, step = dict(settings.sensor_noise), system.drives[0].resolution
     if step > 0:
-        sensed.setdefault(_position(system), step / math.sqrt(12))
+        sensed.setdefault(position_of(system), step / math.sqrt(12))
     limits = {"peak_sensitivity": asked["peak_sensitivity"]} if "peak_sensitivity" in asked else {}
     return Ceilings(reserve, torque_noise=noise, sensor_noise=sensed, **limits)
 
