@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -246,6 +247,15 @@ def biped(tmp_path: Path) -> Path:
     return path
 
 
+def law_of(system: System, group: list[int], row: dict[str, Any]) -> gr.PD:
+    """The file's PD with the gains of a row of the answer in the joints of `group`."""
+    names, every = system.source.joint_names, system.control.controller
+    gains = [np.array(np.broadcast_to(getattr(every, key), len(names)), dtype=float) for key in ("kp", "kd")]
+    for key, values in zip(("kp", "kd"), gains, strict=True):
+        values[group] = [row["parameters"][names[k]][key] for k in group]
+    return gr.PD(*gains)
+
+
 @pytest.mark.slow
 def test_two_hips_of_the_biped_are_those_of_the_whole_robots_loop(biped, capsys):
     """S of the two is their block of that of all twelve joints, q/d that of its links, whose aliases are 3.5e-3 (link_compliance.py)."""
@@ -261,10 +271,8 @@ def test_two_hips_of_the_biped_are_those_of_the_whole_robots_loop(biped, capsys)
     system = load_robot_system(biped)
     names = list(system.source.joint_names)
     group = [names.index(name) for name in told["joints"]]
-    gains = {key: np.array(np.broadcast_to(getattr(system.control.controller, key), len(names)), dtype=float) for key in ("kp", "kd")}
-    for key, values in gains.items():
-        values[group] = [row["parameters"][name][key] for name in told["joints"]]
-    loop = system.with_controller(gr.PD(gains["kp"], gains["kd"])).loop(system.source.linearize("stand", "left"))
+    law = law_of(system, group, row)
+    loop = system.with_controller(law).loop(system.source.linearize("stand", "left"))
     assert gr.is_stable(loop)
     sensed, soft = row["sigma_max_sensitivity"], row["sigma_max_compliance"]
     assert sensed["proved"]
@@ -277,6 +285,30 @@ def test_two_hips_of_the_biped_are_those_of_the_whole_robots_loop(biped, capsys)
     assert loop.parts is not None
     block = links.at(at, links.feedback(at, loop.parts.controller))[0][np.ix_(group, group)]
     assert np.linalg.norm(block, 2) == pytest.approx(soft["value"], rel=4e-3)
+
+
+@pytest.mark.slow
+def test_ranges_of_the_file_are_kept_at_every_corner(biped, capsys):
+    """Of ± 20 % of stiffness: S of the two hips, as above, by the whole robot's loop at each corner; the highest is where the answer says."""
+    biped.write_text(biped.read_text("utf-8") + "uncertainty: {stiffness: 20%}\n", "utf-8")
+    assert main(["compare", str(biped), "--joint", "left_hip_(yaw|roll)", "--state", "stand/left", "--structures", "pd", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (row,) = told["rows"]
+    assert told["tuned_at"] == ["the nominal values", "stiffness 8000 N·m/rad", "stiffness 12000 N·m/rad"]
+    assert row["box"] == []
+    system = load_robot_system(biped)
+    names = list(system.source.joint_names)
+    group = [names.index(name) for name in told["joints"]]
+    law = law_of(system, group, row)
+    omega, peaks = np.geomspace(1.0, 3000.0, 4000), {}
+    for place, corner in zip(told["tuned_at"], (1e4, 8e3, 1.2e4), strict=True):
+        there = system.with_values(stiffness=np.full(len(names), corner)).with_controller(law)
+        returned = there.loop(there.source.linearize("stand", "left")).at(1j * omega)
+        blocks = np.linalg.inv(np.eye(len(names)) + returned)[:, group][:, :, group]
+        peaks[place] = norms(blocks).max()
+    assert max(peaks.values()) <= 2 * (1 + 1e-6)
+    # of 4000 samples 2e-3 apart, off by the square of that times a curvature of 100
+    assert peaks[row["sigma_max_sensitivity"]["at"]] == pytest.approx(row["sigma_max_sensitivity"]["value"], rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ from .presentation import Part, Presentation, TextTable, Unwrapped, closing
 UNIT = "mrad/N·m"
 SHOWN = 7
 """Digits of gains, as in files."""
+NO_MORE = 1.01
+"""Factor of stiffness below which a structure is told to be no stiffer."""
 AT_REST = 0.1
 """Frequency [rad/s] below which a peak is the compliance at rest."""
 
@@ -82,7 +84,10 @@ def sentence(found: CoupledComparison) -> str:
 
 def _against(found: CoupledComparison, row: CoupledRow) -> str:
     value = f"{thousandths(row.compliance)} {UNIT}"
-    return value if found.pd is None else f"{value}, {digits(times(found, row), '×', 2)} stiffer"
+    if found.pd is None:
+        return value
+    more = times(found, row)
+    return f"{value}, {digits(more, '×', 2)} stiffer" if more >= NO_MORE else f"{value}, no stiffer"
 
 
 def _elsewhere_sentence(found: CoupledComparison) -> str:
@@ -126,6 +131,13 @@ def _worst(every: Sequence[Elsewhere]) -> str:
     return f"{MISSED} {lost} of {len(every)} unstable" if lost else digits(max(one.sensitivity for one in every), "", 3)
 
 
+def _gap(row: CoupledRow) -> str:
+    if row.found is None or math.isnan(row.found.gap):
+        return "–"
+    gap = math.expm1(row.found.gap)
+    return digits(100 * gap, "%", 2) if gap >= 1e-3 else "< 0.1 %"
+
+
 def _peak(kind: int, text: Any) -> Any:
     return lambda line: "–" if line[1].found is None else text(line[0], line[1].found.peaks[kind])
 
@@ -137,11 +149,7 @@ TABLE = [
     Column("× PD", "", lambda line: times(*line), shown=lambda line: digits(times(*line), "×", 3) if line[1].holds else "–"),
     Column("σ(S)", "", _peak(SENSITIVITY, lambda found, one: digits(found.ceilings.peak_sensitivity * one.value, "", 4))),
     Column("delay disk", "", _peak(DELAY, lambda found, one: digits(one.value, "", 3))),
-    Column(
-        "gap",
-        "",
-        lambda line: "–" if line[1].found is None or math.isnan(line[1].found.gap) else digits(100 * math.expm1(line[1].found.gap), "%", 2),
-    ),
+    Column("gap", "", lambda line: _gap(line[1]), definition="between the two best searches"),
     Column("σ(S), ± 20 %", "", lambda line: _worst(line[1].box)),
     Column("other states", "", lambda line: _worst(line[1].states)),
 ]
