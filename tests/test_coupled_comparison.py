@@ -289,7 +289,7 @@ def test_two_hips_of_the_biped_are_those_of_the_whole_robots_loop(biped, capsys)
 
 @pytest.mark.slow
 def test_ranges_of_the_file_are_kept_at_every_corner(biped, capsys):
-    """Of ± 20 % of stiffness: S of the two hips, as above, by the whole robot's loop at each corner; the highest is where the answer says."""
+    """Of ± 20 % of stiffness: S of the two hips, as above, by the robot's loop at each corner; the highest is where the answer says."""
     biped.write_text(biped.read_text("utf-8") + "uncertainty: {stiffness: 20%}\n", "utf-8")
     assert main(["compare", str(biped), "--joint", "left_hip_(yaw|roll)", "--state", "stand/left", "--structures", "pd", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
