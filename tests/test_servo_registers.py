@@ -140,6 +140,13 @@ def test_the_supply_tells_which_version_the_motor_is_too(tmp_path: Path):
     assert {joint["actuator"] for joint in found.to_dict()["joints"]} == {"feetech-sts3215-7v4"}
 
 
+def test_a_motor_that_its_back_emf_damps_needs_no_kd(tmp_path: Path):
+    model, servos = arm(tmp_path, "drive_rate_hz: 500\ndrive_delay_ms: 30\ngains: {'.*': {servo: feetech-sts3215, p: 254, volts: 7.4}}\n")
+    found = gr.audit(model, servos, delay=0.02).to_dict()
+    assert found["verdict"] == "unsafe"
+    assert not any("no gain damps" in text for text in found["warnings"])
+
+
 def test_servos_need_the_rate_of_their_loop_which_may_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     model, servos = arm(tmp_path, f"pan: {SERVO}\nlift: {SERVO}\n")
     assert main(["audit", model, "--delay-ms", "20", "--gains", servos]) == 2

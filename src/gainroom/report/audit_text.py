@@ -201,7 +201,8 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     if lost:
         limits = listed([f"{joint.name} (stable only below {digits(joint.gain_limit, '×', 3)} its gains)" for joint in lost], most=3)
         found.append(f"with all other joints switched off {limits} would vibrate: do not run {'it' if len(lost) == 1 else 'one'} by itself")
-    bare = [joint.name for joint in result.joints if joint.kp > 0 and joint.kd == 0] if not result.safe else []
+    damped = dict(zip(system.source.joint_names, system.source.actuators.motor_viscous.tolist(), strict=True))  # by a motor's back-EMF
+    bare = [joint.name for joint in result.joints if joint.kp > 0 and joint.kd == 0 and not damped[joint.name]] if not result.safe else []
     if bare:
         found.append(f"{listed(bare)}: kd is 0, so that no gain damps {'it' if len(bare) == 1 else 'them'}: give kd")
     if result.immobile:
