@@ -28,6 +28,13 @@ def test_every_public_name_is_in_the_reference():
     assert sorted(re.findall(r"^\.\. auto\w+:: (\w+)$", text, re.MULTILINE)) == sorted(gr.__all__)
 
 
+def test_every_public_name_has_an_example():
+    """Blocks of Python run in tests/test_docs.py."""
+    pages = [path.read_text("utf-8") for path in DOCS.glob("*.md")]
+    code = "\n".join(block for page in pages for block in re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL))
+    assert [name for name in gr.__all__ if not re.search(rf"\bgr\.{name}\b", code)] == []
+
+
 PAGE = """# A page
 
 Stable while $L(j\\omega) \\ne -1$, and
