@@ -1,4 +1,4 @@
-"""Text of a joint.yaml with the controller that a comparison found, the limits that it was held to, and the box that it holds.
+"""Text of a joint.yaml with the controller that a comparison found, its limits with the ceilings that it keeps, and the box that it holds.
 
 Of a robot.yaml the gains of the one joint are others; its limits are those of all joints, and stay.
 """
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..design.comparison.compared_joint import ComparedJoint
-from ..errors import GainroomError, named
+from ..errors import GainroomError, listed, named
 from ..io.as_typed import as_typed
 from ..robot.name_patterns import DEFAULT, select_all
 from ..studies.comparison import Comparison, ComparisonSettings, Row, compared_joint
@@ -70,9 +70,12 @@ def compared_text(found: Comparison, row: Row, text: str, source: str, version: 
     boxed = found.system.uncertainty
     if not parse_comparison(text, source)[0].uncertainty.names:
         keys = {name: UNITS.get(name, (name, 1.0)) for name in boxed.names}
-        ranges = {key: [unit * float(end) for end in getattr(boxed, name)] for name, (key, unit) in keys.items()}
+        ranges = {key: [_seven(unit * float(end)) for end in getattr(boxed, name)] for name, (key, unit) in keys.items()}
         result = edited(result, source, {("uncertainty",): ranges}, plain)
-    head = f"# Controller {row.structure}, found by gainroom compare {version}: the stiffest that keeps these limits in this box.\n"
+    ceilings = "Ms, delay reserve and torque noise"
+    head = f"# Controller {row.structure}, found by gainroom compare {version}: the stiffest at equal {ceilings} in this box.\n"
+    if missed := [f"{one.title} {one.text(value)}" for one, _, value in row.missed(found.system.requirements)]:
+        head += f"# Of this file's limits it misses: {listed(missed)}, which a comparison does not hold controllers to.\n"
     parse_comparison(head + result, "the joint.yaml to be written")
     return head + result
 
@@ -136,9 +139,9 @@ def _seven(value: Any) -> float:
 
 
 def _limits(found: Comparison, row: Row) -> dict[str, float]:
-    """The peak sensitivity that was the ceiling, and those of the file's limits that the controller meets everywhere in the box."""
-    asked, worst, kept = found.system.requirements, row.worst_margins, dict[str, float]()
-    for one, needed in asked.asked_for:
-        if worst is not None and asked.met(one.name, one.value(worst)):
-            kept[one.key] = as_typed(one.in_unit(needed))
-    return {**kept, REQUIREMENTS["peak_sensitivity"].key: found.ceilings.peak_sensitivity}
+    """The ceilings that the controller keeps everywhere in the box, and all other limits of the file."""
+    held = {"peak_sensitivity": found.ceilings.peak_sensitivity}
+    if row.controller is not None and row.controller.control.kd_path is None:  # of two paths each has a reserve of its own
+        held["delay_reserve"] = found.ceilings.delay_reserve
+    asked = {one.name: needed for one, needed in found.system.requirements.asked_for} | held
+    return {REQUIREMENTS[name].key: as_typed(REQUIREMENTS[name].in_unit(needed)) for name, needed in asked.items()}

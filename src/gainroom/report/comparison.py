@@ -170,7 +170,7 @@ def _zone_text(found: Comparison) -> str:
         return "What no linear controller can beat was not worked out."
     below = f"Hatched, below {thousandths(found.bound)} {unit(found.objective)}"
     known = "" if found.best_known is None else f" Dashed: {KNOWN}, at {found.bound_at} alone."
-    return f"{below}: {BOUND} on this encoder and the host, at this rate and delay, everywhere in the box under the same ceilings.{known}"
+    return f"{below}: {BOUND} and the host, at this rate and delay, everywhere in the box under the same ceilings.{known}"
 
 
 def _bars(name: str, rows: Sequence[Row], values: Floats, end: float, shift: float) -> style.Trace:

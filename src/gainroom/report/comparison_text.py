@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..analysis.margin_record import Margins
 from ..design.comparison.best_known import BestKnown
 from ..design.comparison.objective import Objective
 from ..errors import listed
@@ -164,13 +163,18 @@ def _others(found: Comparison) -> str:
         best, without = (min(rows, key=lambda row: row.worst) for rows in (sensed, [pd, *(row for row in every if row not in sensed)]))
         share = without.worst / best.worst
         name = name_of(without.structure)
-        worth = f"{digits(share, '×', 2)} as stiff as the best without it, {name}" if share > 1 else f"no better than {name} without it"
+        worth = (
+            f"{digits(share, '×', 2)} as stiff as the best of these without it, {name}"
+            if share > 1
+            else f"no better than {name} without it"
+        )
         parts.append(f"a torque sensor {_factor(found, best)}, {worth}")
     return f"Against PD: {'; '.join(parts)}." if parts else ""
 
 
 def _factor(found: Comparison, row: Row) -> str:
-    return digits(times(found, row.worst), "×", 2)
+    more = times(found, row.worst)
+    return digits(more, "×", 2 if more < 100 else 3)  # 160 ×, not 1.6·10²
 
 
 def is_bounded(row: Row) -> bool:
@@ -201,17 +205,14 @@ def best_known_sentence(found: Comparison) -> str:
     )
 
 
-def missed_text(given: System, row: Row, worst: Margins) -> str:
+def missed_text(given: System, row: Row) -> str:
     """Sentence on requirements of the joint's file, or the usual ones, that a controller misses in the box; "" where there is none."""
-    missed = [
-        f"{one.heading} {one.text(value)} ({one.sign} {one.text(needed)})"
-        for one, needed in given.requirements.asked_for
-        if not math.isnan(value := one.value(worst)) and not one.met(needed, value)
-    ]
+    missed = row.missed(given.requirements)
     if not missed:
         return ""
+    found = [f"{one.heading} {one.text(value)} ({one.sign} {one.text(needed)})" for one, needed, value in missed]
     held = "Structures are held to Ms, delay reserve and torque noise alone"
-    return f"{held}: of what is required of the joint, {name_of(row.structure)} misses {listed(missed)}."
+    return f"{held}: of what is required of the joint, {name_of(row.structure)} misses {listed(found)}."
 
 
 def fragile_text(row: Row) -> str:
@@ -407,9 +408,18 @@ class ComparisonPresentation(Presentation):
         row, found = self.chosen, list[str]()
         driven = [one for one in self.found.rows if one.holds and one.where != "host" and "torque" not in one.sensors]
         best = min(driven, key=lambda one: one.worst, default=None)
+
+        def take(one: Row) -> str:
+            return f" (`--take {one.structure}`)" if self.found.joint.is_single else ""
+
         if best is not None and row is not None and row is not best and best.worst < row.worst:
-            take = f" (`--take {best.structure}`)" if self.found.joint.is_single else ""
-            found.append(f"If the drive can run kd: {name_of(best.structure)} is {_factor(self.found, best)} PD{take}.")
+            found.append(f"If the drive can run kd: {name_of(best.structure)} is {_factor(self.found, best)} PD{take(best)}.")
+        asked = self.given.requirements
+        if row is not None and self.found.joint.is_single and row.missed(asked):
+            keepers = [one for one in self.found.rows if one.holds and one.worst_margins is not None and not one.missed(asked)]
+            keeper = min(keepers, key=lambda one: one.worst, default=None)
+            if keeper is not None:
+                found.append(f"Of those that keep all that is required of the joint: {name_of(keeper.structure)}{take(keeper)}.")
         if "torque" not in self.found.ceilings.sensor_noise and math.isfinite(self.given.source.stiffness):
             found.append("What a torque sensor would buy: the same with `--torque-sensor 0.05`, its noise in N·m rms.")
         return found
@@ -429,7 +439,7 @@ class ComparisonPresentation(Presentation):
         row = self.chosen
         if row is None or row.worst_margins is None:
             return []
-        limits = missed_text(self.given, row, row.worst_margins) if self.found.joint.is_single else ""  # else they are of all joints
+        limits = missed_text(self.given, row) if self.found.joint.is_single else ""  # else they are of all joints
         return [*filter(None, [lower_gains(row.worst_margins.limit), limits])]
 
     def facts(self) -> dict[str, Any]:

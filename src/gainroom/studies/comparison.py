@@ -37,7 +37,8 @@ from ..system.elastic_joint import ElasticJoint
 from ..system.gain_path import GainPath
 from ..system.linear.arrays import Floats
 from ..system.loop import Loop
-from ..system.requirements import REQUIREMENTS
+from ..system.requirement import Requirement
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .progress import Progress, quiet
 from .study_record import StudyRecord
@@ -56,6 +57,8 @@ FAR_OFF = 2.0
 """Factor on the worst objective of the box's design above which a design tuned at nominal is fragile, though stable."""
 TIGHTENED = 4
 """Searches with a tighter sensitivity where that of the exact loop is above that of the search."""
+HELD_BACK = 1e-4
+"""Share of a ceiling by which each of them stays below what would do if peaks moved with the ceiling, as they do but for a few percent."""
 REACHED = 0.998
 """Share of a ceiling from which on a design is limited by it: a search stays 2e-4 below, and ends within a thousandth of what it seeks."""
 ALIKE = 1e-6
@@ -160,6 +163,12 @@ class Row:
     def holds(self) -> bool:
         """True if a design was found that keeps every ceiling in the box."""
         return not self.broken
+
+    def missed(self, required: Requirements) -> list[tuple[Requirement, float, float]]:
+        """Requirements that it misses in the box, each with its bound and its worst value: structures are held to other ceilings."""
+        worst = self.worst_margins
+        values = [] if worst is None else [(one, needed, one.value(worst)) for one, needed in required.asked_for]
+        return [(one, needed, value) for one, needed, value in values if not (math.isnan(value) or one.met(needed, value))]
 
 
 @dataclass(frozen=True)
@@ -371,7 +380,9 @@ def _wanted(joint: ComparedJoint, settings: ComparisonSettings, structures: Sequ
         if one.torque and not elastic:
             raise GainroomError(f"structure {one.key}: needs the torque of the gearbox's spring, and joint.stiffness is rigid")
         if missing:
-            raise GainroomError(f"structure {one.key}: needs compare.sensors.torque_noise, the noise of the joint's torque sensor [N·m]")
+            raise GainroomError(
+                f"structure {one.key}: needs compare.sensors.torque_noise, or --torque-sensor: the noise of the joint's torque sensor [N·m]"
+            )
         found.setdefault(one.key, one)
     return list(found.values())
 
@@ -379,7 +390,7 @@ def _wanted(joint: ComparedJoint, settings: ComparisonSettings, structures: Sequ
 def position_of(system: System) -> str:
     """Sensor of the position: that of the file's gains. Raises GainroomError where they measure both sides."""
     feedback = system.control.feedback
-    if feedback.mixed:
+    if feedback.both:
         raise GainroomError("control.feedback: a comparison needs motor or link, the side that structures measure the position on")
     return feedback.position
 
@@ -548,12 +559,14 @@ class _Proof:
 
 def _proved(problem: Problem, found: Found, checkpoint: Callable[[], None]) -> tuple[Found, _Proof]:
     """`found`, searched on with a tighter sensitivity where margins show more of it than the search did, and its proof."""
+    factor = 1.0
     for _ in range(TIGHTENED):
         proof = _proof(problem, found, checkpoint)
         excess = proof.worst.peak_sensitivity / problem.ceilings.peak_sensitivity
         if not found.holds or not proof.broken or not excess > 1:
             return found, proof
-        tighter = held_harder(problem, found, excess * (1 + SENSITIVITY), checkpoint)
+        factor *= excess * (1 + HELD_BACK)
+        tighter = held_harder(problem, found, factor, checkpoint)
         if tighter is None:
             return found, proof
         found = tighter

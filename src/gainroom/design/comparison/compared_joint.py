@@ -237,7 +237,8 @@ def require_comparable(system: System, joints: Iterable[int] = (0,)) -> None:
     """
     control = system.control
     if control.sample_time is None:
-        raise GainroomError("control.sample_rate_hz is missing: structures are compared as they run, sampled")
+        clock = ", and drive.clock has to be left out" if control.continuous else ""
+        raise GainroomError(f"control.sample_rate_hz is missing{clock}: structures are compared as they run, sampled")
     if isinstance(system.source, ElasticJoint):
         if math.isinf(system.source.link_inertia):
             raise GainroomError("a comparison needs a link that a load can move: joint.link_inertia is .inf")
