@@ -148,9 +148,11 @@ def test_the_disk_of_delays_is_a_delay_margin(count):
         found = curves(structure, x, at, at.at(omega), ceilings(system))
         for one in x[is_stable(structure, x, at.turns(omega), found.returned)]:
             loop = structure.system(one, system, gr.GainPath(1e-4, 5e-5)).loop()
-            margin, reserve = gr.margins(loop).delay_margin, delay_reserve(loop).width
-            assert margin >= reserve * (1 - 1e-5)  # each is found to 1e-6
-            tried, near = tried + 1, near + (margin < 1.02 * reserve)
+            if not (margins := gr.margins(loop)).stable:  # a sharp peak between the samples of the count
+                continue
+            reserve = delay_reserve(loop).width
+            assert margins.delay_margin >= reserve * (1 - 1e-5)  # each is found to 1e-6
+            tried, near = tried + 1, near + (margins.delay_margin < 1.02 * reserve)
         if tried >= count:
             break
     assert near > 0.1 * tried  # it is the delay margin where the disk ends at |L| = 1
