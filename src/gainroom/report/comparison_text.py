@@ -24,8 +24,6 @@ from .presentation import Part, Presentation, TextTable, closing, do_this
 from .words import lower_gains
 
 EQUAL = "at equal Ms, delay reserve and torque noise"
-NEEDS = {"motor": "encoder", "link": "link encoder", "torque": "torque"}
-"""Names of sensors."""
 NAMES = {
     "pd": "PD",
     "pid": "PID (= P/PI)",
@@ -267,7 +265,6 @@ def _of(value: Any) -> Any:
 BOUND_NAME, KNOWN_NAME = "no linear controller", "best known, one corner"
 TABLE = [
     Column("structure", "", lambda line: line.name if line.row is None else name_of(line.row.structure)),
-    Column("needs", "", _of(lambda row: " + ".join(NEEDS[one] for one in row.sensors)), definition="sensors"),
     Column("worst", "", lambda line: line.worst, shown=lambda line: _worst(line), definition="in the box"),
     Column("× PD", "", lambda line: times(line.found, line.worst), shown=lambda line: _against(line), definition="PD's worst over it"),
     Column("nominal", "", _of(lambda row: thousandths(row.objective)), definition="the same design at the nominal values"),
