@@ -23,7 +23,7 @@ LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
 
 def looked_over(joint: gr.ElasticJoint, kp: float, kd: float, delay: float, step: float | None, kind: str) -> OverRange:
     drive = gr.Drive(bandwidth=math.inf, damping_ratio=1.0, delay=delay)
-    required, ranges = gr.Requirements(gain_margin=MARGIN), gr.Uncertainty(**ranges_of((kind,)))
+    required, ranges = gr.Requirements(gain_margin=MARGIN), gr.Uncertainty(**ranges_of((kind,), (joint.motor_inertia,), (0.0,)))
     system = gr.System.of_joint(joint, drive, gr.PD(kp, kd), "motor", step, requirements=required, uncertainty=ranges)
     return try_places(system, [State(system, "", "", system.source.linearize())])
 
