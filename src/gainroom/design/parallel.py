@@ -56,7 +56,7 @@ class StoppedError(Exception):
 def own_process() -> Iterator[None]:
     """Context in which this process is a command's own: nothing else in it minds copies of it."""
     global _own
-    before, _own = _own, sys.platform == "linux"
+    before, _own = _own, sys.platform == "linux" and hasattr(os, "fork")
     try:
         yield
     finally:
@@ -222,7 +222,8 @@ def _forked(jobs: Sequence[Job[Any]], numbers: int, tick: int) -> _Child:
             with suppress(BlockingIOError):
                 os.write(tick, FAILED)
         for error in (error for done, error in found.values() if not done):
-            error.add_note("".join(traceback.format_exception(error)))  # pickle leaves it out
+            if sys.version_info >= (3, 11):  # before, an error has no notes, and is shown without where in the copy it was raised
+                error.add_note("".join(traceback.format_exception(error)))  # pickle leaves it out
         with open(there, "wb") as answer:
             answer.write(pickle.dumps(found))  # all of it or nothing
     finally:

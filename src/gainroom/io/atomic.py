@@ -75,7 +75,7 @@ def _refuse_unwritable(path: Path, target: Path) -> None:
 
 
 def _swap(temporary: Path, target: Path) -> None:
-    handle = os.open(temporary, os.O_RDONLY)
+    handle = os.open(temporary, os.O_RDWR)  # Windows saves nothing through a handle that only reads
     try:
         os.fsync(handle)  # or a power cut could leave the new name with nothing in it
     finally:

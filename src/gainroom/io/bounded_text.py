@@ -10,13 +10,15 @@ from typing import BinaryIO
 from ..errors import GainroomError
 from .run_files import note_read
 
+READING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
+"""How files are opened: to open a FIFO would wait for its writer. Windows has no FIFOs among its files, and not this flag."""
+
 
 @contextlib.contextmanager
 def regular_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
     """Regular file, open for reading, and its size [bytes]. Raises GainroomError, also for errors while it is read."""
     try:
-        # Opening a FIFO for reading would wait for its writer.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        handle = os.open(path, READING)
     except FileNotFoundError as error:
         raise GainroomError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:

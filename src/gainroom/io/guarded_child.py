@@ -41,6 +41,8 @@ MOST_LINE = 1 << 26
 """Characters of an answer: 10,000 names of columns, or a model of 2000 bodies with 1000 postures."""
 MOST_ARRAY = 1 << 28
 """Bytes of an array behind an answer."""
+BEGINNING = f"import sys; sys.path = [folder for folder in sys.path if folder]; from {__name__} import serve; serve()"
+"""The child's program. Python puts "" first, the folder that we are in: a file there must not pass for a module."""
 CLONE_NEWUSER, CLONE_NEWNET = 0x10000000, 0x40000000
 """linux/sched.h."""
 
@@ -122,11 +124,11 @@ class GuardedChild:
 def guarded_child(path: Path, title: str, module: str, *arguments: str) -> Iterator[GuardedChild]:
     """A child that reads `path`, called `title` in messages, by `opened(path, *arguments)` of the package's module of this name.
 
-    Without the folder we are in among its paths for modules (-P), out of reach of Ctrl-C, and gone when the block ends, or this process.
+    Without the folder we are in among its paths for modules, out of reach of Ctrl-C, and gone when the block ends, or this process.
     Raises GainroomError.
     """
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()", module, str(path), *arguments],
+        [sys.executable, "-c", BEGINNING, module, str(path), *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -137,6 +139,7 @@ def guarded_child(path: Path, title: str, module: str, *arguments: str) -> Itera
             "OPENBLAS_NUM_THREADS": "1",
         },
         start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows
     )
     with at_last(process.kill):
         try:

@@ -20,6 +20,8 @@ MOST_DEATHS = 3
 """Most processes that may die over one task: then the task, or a machine without memory, is at fault."""
 PATIENCE = 0.1
 """Interval [s] between checks of the stop request."""
+KILLED = 9
+"""Number of the signal that nothing outlives, in POSIX; Python knows its name only where it is."""
 Stop = Callable[[], bool]
 
 
@@ -127,5 +129,5 @@ def _work(pipe: "Connection[Any, Any]", plan: SweepPlan) -> None:
 
 def _ending(code: int | None) -> str:
     if code is not None and code < 0:
-        return f"signal {-code}" + ("; out of memory?" if code == -signal.SIGKILL else "")
+        return f"signal {-code}" + ("; out of memory?" if code == -KILLED else "")
     return f"status {code}"
