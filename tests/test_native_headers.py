@@ -1,8 +1,10 @@
 """The core's headers in a C++ program of their own: the same digits as through Python, and nothing that the sanitizers find."""
 
 import subprocess
+from fractions import Fraction
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -91,6 +93,41 @@ def test_four_numbers_at_once_are_four_numbers():
     a, b = values[:4], values[3:7]
     assert one == plain
     assert [float.fromhex(word) for word in one.split()] == (1 / (((a * b - 0.3 * a) + (b + a)) + 7.0)).tolist()
+
+
+@pytest.mark.slow
+def test_numbers_of_many_digits():
+    """Against exact fractions, and mpmath's e^x; the same digits with compilers that have no product of 128 bits."""
+    rng = np.random.default_rng(0)
+    lines = (rng.normal(size=(200, 4)) * 2.0 ** rng.integers(-6, 3, (200, 4))).tolist()
+    lines += [[1.0, 0.0, -1.0, 0.0], [0.0, 0.0, 2.0, 1.0], [1.0, -(2.0**-60), 1.0, 2.0**-60]]
+    given = "\n".join(" ".join(value.hex() for value in line) for line in lines)
+    found, plain = (
+        output(native_programs.compiled(SOURCES / "extended.cpp", *SANITIZED, *more), given=given) for more in ((), ("-DGAINROOM_PLAIN",))
+    )
+    assert found == plain
+    with mpmath.workprec(400):
+        for line, answer in zip(lines, found.splitlines(), strict=True):
+            x, y = (Fraction(one) + Fraction(small) / 2**90 for one, small in (line[:2], line[2:]))
+            words = [Fraction(float.fromhex(word)) for word in answer.split()]
+            product, total, difference, power = (sum(words[k : k + 6]) for k in range(0, 24, 6))
+            # An operation is cut off behind the 320th bit, and six doubles hold 6 × 53 of them: 16 units of 2^−318 leave room.
+            room = Fraction(1, 2**314)
+            assert abs(product - x * y) <= room * abs(x * y)
+            assert abs(total - x - y) <= room * max(abs(x), abs(y))
+            assert abs(difference - x + y) <= room * max(abs(x), abs(y))
+            exact = mpmath.exp(mpmath.mpf(x.numerator) / x.denominator)
+            # Squared up to 20 times, each of which doubles what was cut off before.
+            assert abs(mpmath.mpf(power.numerator) / power.denominator / exact - 1) <= mpmath.mpf(2) ** -290
+
+
+def test_headers_can_be_used_together():
+    """All of them in one file, in the order of their names: each includes what it needs, and no name is there twice."""
+    names = sorted(header.name for header in (Path(include_dir()) / "gainroom").glob("*.hpp"))
+    text = "".join(f'#include "gainroom/{name}"\n' for name in names)
+    command = [native_programs.compiler(), *native_programs.STRICT, f"-I{include_dir()}", "-fsyntax-only", "-x", "c++", "-"]
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,6 @@
 #include "gainroom/modal_response.hpp"
 #include "gainroom/posture_limits.hpp"
 
-#include <nanobind/stl/vector.h>
-
 #include "arrays.hpp"
 
 using gainroom::Complex;

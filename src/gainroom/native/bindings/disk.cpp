@@ -1,5 +1,3 @@
-#include <nanobind/stl/function.h>
-
 #include <functional>
 
 #include "gainroom/disk_peak.hpp"

@@ -1,6 +1,3 @@
-#include <nanobind/stl/optional.h>
-#include <nanobind/stl/vector.h>
-
 #include <cmath>
 
 #include "gainroom/posture_estimate.hpp"

@@ -25,7 +25,7 @@ static nb::object complexes(std::vector<Complex> values) {
     return nb::cast(nb::ndarray<nb::numpy, Complex, nb::ndim<1>>(copy->data(), {copy->size()}, owner));
 }
 
-static nb::object response(Roots zeros, Roots poles, double gain, double delay, double sample_time, Roots points) {
+static nb::object scalar_response(Roots zeros, Roots poles, double gain, double delay, double sample_time, Roots points) {
     std::vector<Complex> values(points.size());
     {
         nb::gil_scoped_release release;
@@ -111,7 +111,7 @@ static nb::object assigned(Matrix cost) {
 void bind_scan(nb::module_& m) {
     m.attr("FLOOR") = gainroom::kFloor;
     m.attr("LOWEST_FLOOR") = gainroom::kLowestFloor;
-    m.def("response", &response, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("sample_time"),
+    m.def("response", &scalar_response, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("sample_time"),
           nb::arg("points"));
     m.def("response_and_slope", &response_and_slope, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"),
           nb::arg("sample_time"), nb::arg("omega"));

@@ -1,5 +1,3 @@
-#include <nanobind/stl/optional.h>
-
 #include "arrays.hpp"
 #include "gainroom/recursion.hpp"
 #include "gainroom/testbed.hpp"
@@ -74,7 +72,10 @@ static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction
     return {tick, cells, laws(friction), gravity(weight), torque_limit, pair(resolution, "resolution has the shape (2,)"), position_limit};
 }
 
-using SecondPath = std::pair<gainroom::Path, gainroom::Delay>;
+// A type of its own: pairs become tuples in Python.
+struct SecondPath : std::pair<gainroom::Path, gainroom::Delay> {
+    using pair::pair;
+};
 
 static SecondPath second_path(const Control& control, std::int64_t every, std::int64_t whole, double fraction) {
     require(every >= 1 && every <= 1 << 20, "every is from 1 to 2^20 ticks");

@@ -1,9 +1,6 @@
 #include "gainroom/posture_tracker.hpp"
 #include "gainroom/settling.hpp"
 
-#include <nanobind/stl/pair.h>
-#include <nanobind/stl/vector.h>
-
 #include <chrono>
 #include <mutex>
 #include <optional>

@@ -51,6 +51,13 @@ GAINROOM_INLINE double size_of_any(Complex a) {
     return square > 1e-280 && square < 1e280 ? std::sqrt(square) : std::abs(a);
 }
 
+// log|a|, finite: of 0 less than of any other number.
+constexpr double kLogZero = -800.0;
+inline double log_size(Complex a) {
+    const double size = size_of_any(a);
+    return size > 0 ? std::log(size) : kLogZero;
+}
+
 // `angle` in (−π, π].
 inline double wrapped(double angle) { return angle - 2 * kPi * std::ceil((angle - kPi) / (2 * kPi)); }
 

@@ -13,7 +13,6 @@
 
 namespace gainroom {
 
-inline double log_size(Complex value) { return std::log(std::max(size_of_any(value), 1e-300)); }
 inline Complex log_of_minus(Complex value) { return {log_size(value), std::arg(-value)}; }
 
 class CurveValue {

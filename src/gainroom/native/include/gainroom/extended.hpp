@@ -69,20 +69,19 @@ class Extended {
     friend Extended operator*(const Extended& a, const Extended& b) {
         if (a.is_zero() || b.is_zero()) return Extended(Nothing{});
         std::array<std::uint64_t, 2 * kLimbs> product{};
+        GAINROOM_UNROLLED
         for (int i = 0; i < kLimbs; i++) {
             std::uint64_t carry = 0;
-            for (int j = std::max(0, kLimbs - 3 - i); j < kLimbs; j++) {  // lower columns come after the last bit
-                const Wide part = static_cast<Wide>(a.limbs_[i]) * b.limbs_[j] + product[i + j] + carry;
-                product[i + j] = static_cast<std::uint64_t>(part);
-                carry = static_cast<std::uint64_t>(part >> 64);
-            }
+            GAINROOM_UNROLLED
+            for (int j = std::max(0, kLimbs - 3 - i); j < kLimbs; j++)  // lower columns come after the last bit
+                product[i + j] = low_of_product(a.limbs_[i], b.limbs_[j], product[i + j], carry);
             product[i + kLimbs] = carry;
         }
         Extended result;
-        const bool full = product[2 * kLimbs - 1] >> 63;
-        for (int k = 0; k < kLimbs; k++)
-            result.limbs_[k] = full ? product[k + kLimbs] : product[k + kLimbs] << 1 | product[k + kLimbs - 1] >> 63;
-        result.exponent_ = a.exponent_ + b.exponent_ - (full ? 0 : 1);
+        const int part = product[2 * kLimbs - 1] >> 63 ? 0 : 1;
+        GAINROOM_UNROLLED
+        for (int k = 0; k < kLimbs; k++) result.limbs_[k] = moved_left(product[k + kLimbs], product[k + kLimbs - 1], part);
+        result.exponent_ = a.exponent_ + b.exponent_ - part;
         result.negative_ = a.negative_ != b.negative_;
         return result;
     }
@@ -99,7 +98,6 @@ class Extended {
     friend Extended operator/(const Extended& a, const Extended& b) { return a * b.inverse(); }
 
    private:
-    __extension__ typedef unsigned __int128 Wide;
     using Limbs = std::array<std::uint64_t, kLimbs>;  // lowest first
     struct Nothing {};
 
@@ -116,22 +114,46 @@ class Extended {
         return true;
     }
 
+    // The lower half of a b + c + carry, whose upper half becomes the carry.
+    GAINROOM_INLINE static std::uint64_t low_of_product(std::uint64_t a, std::uint64_t b, std::uint64_t c, std::uint64_t& carry) {
+#if defined(__SIZEOF_INT128__) && !defined(GAINROOM_PLAIN)
+        __extension__ typedef unsigned __int128 Wide;
+        const Wide whole = static_cast<Wide>(a) * b + c + carry;
+        carry = static_cast<std::uint64_t>(whole >> 64);
+        return static_cast<std::uint64_t>(whole);
+#else
+        // Digits of 32 bits (Knuth, The Art of Computer Programming 2, 4.3.1, Algorithm M).
+        constexpr std::uint64_t kDigit = 0xffffffff;
+        const std::uint64_t a_low = a & kDigit, a_high = a >> 32, b_low = b & kDigit, b_high = b >> 32;
+        const std::uint64_t first = a_low * b_low, second = a_high * b_low + (first >> 32), third = a_low * b_high + (second & kDigit);
+        std::uint64_t low = third << 32 | (first & kDigit), high = a_high * b_high + (second >> 32) + (third >> 32);
+        for (const std::uint64_t more : {c, carry}) {
+            low += more;
+            high += low < more;
+        }
+        carry = high;
+        return low;
+#endif
+    }
+
+    // The upper 64 of 128 bits that are moved left by 0 to 63; a branch less, as numbers are not moved by 64.
+    static std::uint64_t moved_left(std::uint64_t high, std::uint64_t low, int bits) { return high << bits | low >> 1 >> (63 - bits); }
+
     static Limbs moved_right(const Limbs& limbs, int bits) {
         const int whole = bits / 64, part = bits % 64;
         Limbs result{};
-        for (int k = 0; k + whole < kLimbs; k++) {
-            result[k] = limbs[k + whole] >> part;
-            if (part && k + whole + 1 < kLimbs) result[k] |= limbs[k + whole + 1] << (64 - part);
-        }
+        for (int k = 0; k + whole + 1 < kLimbs; k++) result[k] = limbs[k + whole] >> part | limbs[k + whole + 1] << 1 << (63 - part);
+        result[kLimbs - 1 - whole] = limbs[kLimbs - 1] >> part;
         return result;
     }
 
     Extended& add(const Limbs& other) {
         std::uint64_t carry = 0;
+        GAINROOM_UNROLLED
         for (int k = 0; k < kLimbs; k++) {
-            const Wide sum = static_cast<Wide>(limbs_[k]) + other[k] + carry;
-            limbs_[k] = static_cast<std::uint64_t>(sum);
-            carry = static_cast<std::uint64_t>(sum >> 64);
+            const std::uint64_t sum = limbs_[k] + other[k], whole = sum + carry;
+            carry = (sum < other[k]) | (whole < sum);
+            limbs_[k] = whole;
         }
         if (carry) {
             limbs_ = moved_right(limbs_, 1);
@@ -144,10 +166,11 @@ class Extended {
     // Of a number that is no larger.
     Extended& subtract(const Limbs& other) {
         std::uint64_t borrow = 0;
+        GAINROOM_UNROLLED
         for (int k = 0; k < kLimbs; k++) {
-            const Wide difference = static_cast<Wide>(limbs_[k]) - other[k] - borrow;
-            limbs_[k] = static_cast<std::uint64_t>(difference);
-            borrow = static_cast<std::uint64_t>(difference >> 64) & 1;
+            const std::uint64_t difference = limbs_[k] - other[k], whole = difference - borrow;
+            borrow = (limbs_[k] < other[k]) | (difference < borrow);
+            limbs_[k] = whole;
         }
         int top = kLimbs - 1;
         while (top >= 0 && limbs_[top] == 0) top--;
@@ -157,7 +180,7 @@ class Extended {
         const int whole = kLimbs - 1 - top;
         for (int k = kLimbs - 1; k >= 0; k--) {
             const int from = k - whole;
-            limbs_[k] = from < 0 ? 0 : limbs_[from] << part | (part && from > 0 ? limbs_[from - 1] >> (64 - part) : 0);
+            limbs_[k] = from < 0 ? 0 : moved_left(limbs_[from], from > 0 ? limbs_[from - 1] : 0, part);
         }
         exponent_ -= 64 * whole + part;
         return *this;

@@ -36,3 +36,10 @@ inline bool processor_fuses() {
 #else
 #define GAINROOM_INLINE inline
 #endif
+
+// A short loop of fixed length, written out. Other compilers do so unasked, gcc from -O3 on only.
+#if defined(__GNUC__) && !defined(__clang__)
+#define GAINROOM_UNROLLED _Pragma("GCC unroll 8")
+#else
+#define GAINROOM_UNROLLED
+#endif

@@ -16,7 +16,6 @@
 namespace gainroom {
 
 constexpr double kTiny = 1e-12;  // relative width at which bisection stops, a few thousand times the rounding of a double
-constexpr double kLogZero = -700.0;  // stands for log 0
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 // One root's terms of d log|L|/dω and of d arg L/dω.
@@ -155,12 +154,6 @@ class Response {
         return std::any_of(gaps.begin(), gaps.end(), [&](const Gap& gap) { return point > gap.low && point < gap.high; });
     }
 };
-
-// log|value|, finite.
-inline double log_size(Complex value) {
-    const double size = size_of_any(value);
-    return size > 0 ? std::log(size) : kLogZero;
-}
 
 // Ranges on an interval of a quantity's slope and of the quantity itself.
 struct Range {

@@ -202,7 +202,7 @@ private:
                 put(re + k, four(re + k) - (x * c - y * d + v * a - w * b));
                 put(im + k, four(im + k) - (x * d + y * c + v * b + w * a));
             }
-            diagonal_[j] -= 2.0 * times({x, y}, {v, w});
+            diagonal_[j] -= 2.0 * times(Complex(x, y), Complex(v, w));
             for (std::size_t k = j; k < (j + 3) / 4 * 4; k++) re[k] = im[k] = 0.0;
         }
     }
