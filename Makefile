@@ -10,10 +10,10 @@ DEMO := build/demo
 # Every command that a test starts would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all tests lowest mutants docs bench lint format lock wheels release-check clean
+.PHONY: demo test test-all tests lowest mutants docs bench lint format lock cross wheels release-check clean
 
 # What the commands say is kept beside the pages; their progress is shown.
-demo: $(NATIVE)
+demo: | progress $(NATIVE)
 	@mkdir -p $(DEMO)
 	@$(BIN)/gainroom example biped > $(DEMO)/biped.yaml
 	@$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
@@ -24,6 +24,11 @@ demo: $(NATIVE)
 	@echo "Open in a browser (beside each, what the terminal says as .txt):"
 	@echo "  $(DEMO)/biped.html"
 	@echo "  $(DEMO)/testbed.html"
+
+# The first line, whatever there is to do before.
+.PHONY: progress
+progress:
+	@echo "gainroom: a robot and a joint, each with a page; in a new clone first an environment and the C++ core (a few minutes) ..."
 
 # Of the slow tests a thirtieth, with the next commit the next one: as many commits run all of them. `make test SHARE=K` runs share K.
 SHARE = $(or $(shell git rev-list --count HEAD 2>/dev/null),0)
@@ -79,6 +84,10 @@ $(STAMP): pyproject.toml requirements-dev.lock scripts/setup.sh
 $(NATIVE): $(STAMP) CMakeLists.txt scripts/native.sh $(shell find src/gainroom/native -name '*.[ch]pp')
 	@scripts/native.sh $(VENV)
 	@touch $@
+
+# The C++ core for other processors and systems, as far as a compiler goes.
+cross: $(STAMP)
+	@$(BIN)/python scripts/cross_compile.py
 
 # A source distribution, and a wheel that needs no compiler, in dist/.
 wheels:

@@ -24,9 +24,11 @@ if [ -z "$CXX" ] && ! command -v c++ >/dev/null 2>&1; then
     CXX=$PWD/$build/c++
     export CXX
 fi
+echo "gainroom setup: compiling the C++ core (about a minute, after each change of it) ..." >&2
 # As part of a wheel, whose own build directory in build/ the next wheel finds compiled.
 CMAKE_BUILD_PARALLEL_LEVEL=2 "$python" -c "import scikit_build_core.build as b; b.build_wheel('$build')" >"$build/log" 2>&1 ||
     fail "the compiler stops"
+echo "gainroom setup: the C++ core is built" >&2
 rm -f src/gainroom/native/_core*.so
 "$python" -m zipfile -e "$build"/*.whl "$build/wheel"
 mv "$build"/wheel/gainroom/native/_core*.so src/gainroom/native/

@@ -13,6 +13,7 @@ fail() {
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
     fail "$python is missing or older than 3.11; name another one with: make PYTHON=python3.12"
 
+echo "gainroom setup: installing into $venv (a minute or two, once) ..." >&2
 rm -rf "$venv"
 if "$python" -c 'import ensurepip, venv' 2>/dev/null; then
     "$python" -m venv "$venv"
@@ -25,7 +26,6 @@ else
     fail "this Python cannot make virtual environments; install python3-venv, or virtualenv for $python"
 fi
 
-echo "gainroom setup: installing into $venv (a minute or two, once)" >&2
 "$venv/bin/python" -m pip install -q -r requirements-dev.lock
 # Without the C++ core, which scripts/native.sh builds beside its sources.
 "$venv/bin/python" -m pip install -q --no-deps --no-build-isolation --editable . \
