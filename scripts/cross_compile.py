@@ -17,8 +17,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "build" / "cross"
-STABLE = ["-DPy_LIMITED_API=0x030C0000"] if sys.version_info >= (3, 12) else []
-"""The stable ABI of Python 3.12, the first that nanobind can use; before, the interpreter's own."""
+STABLE = ["-DPy_LIMITED_API=0x030C0000", "-include", "cstdio"] if sys.version_info >= (3, 12) else []
+"""The stable ABI of Python 3.12, the first that nanobind can use; before, the interpreter's own.
+cstdio as in CMakeLists.txt."""
 TARGETS = {
     "aarch64-linux-gnu.2.17": b"\x7fELF",
     "x86_64-linux-musl": b"\x7fELF",

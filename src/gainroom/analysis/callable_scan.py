@@ -66,12 +66,12 @@ def _crossings(response: Response, omega: Floats, value: Complexes, start: float
     phase = start + np.append(0.0, np.cumsum(np.angle(value[1:] / value[:-1])))
     gains = []
     for k in np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1)):
-        root = _root(lambda w: math.log(abs(response(np.array([w]))[0])), omega[k], omega[k + 1])
+        root = _root(lambda w: math.log(abs(response(np.array([w]))[0])), float(omega[k]), float(omega[k + 1]))
         gains.append((root, phase[k] + float(np.angle(response(np.array([root]))[0] / value[k]))))
     phases = []
     turns = np.floor((phase - math.pi) / (2 * math.pi))
     for k in np.flatnonzero((turns[1:] != turns[:-1]) & (np.abs(value[1:]) > QUIET)):
-        root = _root(lambda w: float(np.angle(-response(np.array([w]))[0])), omega[k], omega[k + 1])
+        root = _root(lambda w: float(np.angle(-response(np.array([w]))[0])), float(omega[k]), float(omega[k + 1]))
         phases.append((root, abs(response(np.array([root]))[0]), float(np.sign(phase[k + 1] - phase[k]))))
     return np.array(gains, dtype=float).reshape(-1, 2), phases, float(phase[-1])
 

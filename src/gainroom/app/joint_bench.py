@@ -286,7 +286,7 @@ class JointBench:
         for one in structure.tunables:
             value = float(getattr(controller, one.field)) if one.field else others.get(one.name, one.value)
             if value != one.value:
-                changes["control", *one.path] = value
+                changes[("control", *one.path)] = value
         for key in ("stiffness", "link_inertia"):
             if (value := getattr(view, key)) is not None:
                 put(changes, data, ("joint", key), data["joint"][key], value)

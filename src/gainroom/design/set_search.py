@@ -240,7 +240,7 @@ class SetSearch:
     def _near(self, cases: Sequence[GainCase], found: Raised) -> str:
         """Shortfall of the nearest result, as text, and which bounds its gains are on."""
         reached = {name: np.flatnonzero(self.beginning.bounds.on(name, found.gains)) for name in self.beginning.bounds.names}
-        bounds = [f"{name} of {first_of_many([self.beginning.names[k] for k in on.tolist()])}" for name, on in reached.items() if len(on)]
+        bounds = [f"{name} of {first_of_many([self.beginning.names[int(k)] for k in on])}" for name, on in reached.items() if len(on)]
         return _nearest(cases, found, self.beginning.names) + (f"{ON_BOUNDS}{listed(bounds)}" if bounds else "")
 
 

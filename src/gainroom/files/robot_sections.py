@@ -57,7 +57,7 @@ class ActuatorSection(GearboxSection):
 
     file: Name | None = None
     stiffness: Stiffness | None = None
-    gearbox: Literal[*TYPES, DIRECT] | None = Field(None, description="its type, in place of stiffness and damping: a range, or direct")  # type: ignore[valid-type]
+    gearbox: Literal[(*TYPES, DIRECT)] | None = Field(None, description="its type, in place of stiffness and damping: a range, or direct")  # type: ignore[valid-type]
     effort_limit: Positive | None = Field(None, description="the limit of its torque [N m], a number > 0; no margin depends on it")
     bandwidth: Bandwidth | None = None
     damping_ratio: DampingRatio | None = None

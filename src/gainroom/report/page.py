@@ -9,7 +9,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from html import escape
 from importlib.resources import files
 from typing import Any, Literal
@@ -79,7 +79,7 @@ def page(
     """
     last = Section("Command", [block(command)], "that makes this page")
     body = "".join(_section(section) for section in (*sections, last) if section is not None)
-    footer = (*sources, f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}")
+    footer = (*sources, f"gainroom {__version__}, {datetime.now(timezone.utc).date().isoformat()}")
     script = _drawing_scripts() if 'class="plot"' in body else ""
     return "\n".join(
         [

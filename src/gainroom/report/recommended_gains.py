@@ -54,7 +54,7 @@ def stiffness_text(found: GainSet, names: Sequence[str]) -> str:
         f"Dynamic stiffness, the least that a load on a link meets at any frequency: {names[j]} has the least, "
         f"{digits(float(one.stiffness[j]), significant=3)}{unit} {at}; what limits them: {_limits(found, names)}."
     )
-    geared = list(dict.fromkeys(names[k] for link in found.links for k in np.flatnonzero(link.gear_limited).tolist()))
+    geared = list(dict.fromkeys(names[int(k)] for link in found.links for k in np.flatnonzero(link.gear_limited)))
     if geared:
         text += f" The gearbox alone limits {listed(geared)} in some state: no gain damps that, more gearbox damping B does."
     return text

@@ -13,9 +13,9 @@ converges.
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
+from typing_extensions import Self
 
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError

@@ -7,7 +7,8 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+
+from typing_extensions import Self
 
 from ..analysis.margin_record import Margins
 from ..design.gain_cases import bounded_margins

@@ -8,9 +8,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from typing_extensions import Self
 
 from ..robot.mirror_names import image_groups
 from ..system.linear.arrays import Booleans, Floats

@@ -6,7 +6,7 @@ digits, `_`, `-`, `.` and blanks as an octal escape: no name ends a string, a li
 
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,7 +153,7 @@ def provenance(model: str, date: str | None) -> tuple[str, str, str]:
     """Origin of a header: the model's file, gainroom's version, and the date (None: today)."""
     from ... import __version__
 
-    return model, __version__, datetime.now(UTC).strftime("%Y-%m-%d") if date is None else str(date)
+    return model, __version__, datetime.now(timezone.utc).strftime("%Y-%m-%d") if date is None else str(date)
 
 
 def require_identifier(owner: str, name: object) -> None:

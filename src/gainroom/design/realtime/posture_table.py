@@ -152,7 +152,7 @@ class PostureTable:
         limits, certified = np.empty((len(names), *shape)), np.empty((len(names), *shape), dtype=bool)
         for row, name in enumerate(names):
             for at in itertools.product(*map(range, shape)):
-                limits[row, *at], certified[row, *at] = limits_at.limit(
+                limits[(row, *at)], certified[(row, *at)] = limits_at.limit(
                     name, table.own[name], [grid[k] for grid, k in zip(grids, at, strict=True)]
                 )
         margin = system.requirements.gain_margin or 1.0

@@ -3,6 +3,7 @@
 import contextlib
 import re
 import sqlite3
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
@@ -89,7 +90,8 @@ class SqliteMessages:
         place = f"file:{quote(str(self._path.resolve()))}?mode=ro&immutable=1"
         with contextlib.closing(sqlite3.connect(place, uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
-            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_PIECE)
+            if sys.version_info >= (3, 11):  # before, the bounds of the child that reads are all there are
+                database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_PIECE)
             self._check(database)
             topics = self._topics(database)
             for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
