@@ -76,7 +76,6 @@ def test_robot_takes_the_worst_postures_of_a_sweep(tmp_path, capsys):
     assert states[f"sweep {worst['posture']}"] * PROVED == pytest.approx(worst["gain_limit"], rel=1e-9)
     swept = found["swept"]
     assert swept["limits"] == 300
-    assert "swept 3" in states  # the recommended gains of the first round were short of it there
     assert swept["below_margin_share"] == 0
     assert swept["worst"]["gain_limit"] >= 10 ** (6 / 20)
 
