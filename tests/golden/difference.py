@@ -13,6 +13,8 @@ from .running import MARK, as_json
 
 NEAR = 1e-6
 """Relative: numbers in JSON that differ by less are the same."""
+IDENTIFIED = 1e-3
+"""The same of `identify`, whose numbers are ends of a least-squares search: another processor's round-off moved one by 4e-4."""
 JUDGED = {
     *("verdict", "safe", "stable", "stable_in_range", "requirements_met", "unmet", "agrees", "diverged", "fell", "vibrates", "unstable"),
     *("held_by", "adequate", "gain_margin_met", "certified", "ready", "proved", "range_proved"),
@@ -46,7 +48,8 @@ def settled(old: str, new: str) -> str:
         command = heading if heading.startswith("$ ") else command
         was, now = (_json(text) for text in (before.get(f"{command}: {heading}", ""), content))
         if was is not None and now is not None:
-            lines = as_json(_nearest(was, now)).split("\n")
+            near = IDENTIFIED if command.startswith("$ gainroom identify") else NEAR
+            lines = as_json(_nearest(was, now, near)).split("\n")
             parts[index] = heading + "\n" + "".join(f"  {line}\n" for line in lines)
     return MARK.join(parts)
 
@@ -63,13 +66,13 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _nearest(old: Any, new: Any, of_difference: bool = False) -> Any:
+def _nearest(old: Any, new: Any, near: float, of_difference: bool = False) -> Any:
     """`new` with the numbers of `old` that are near and stand in the same place: of relative differences, as near as what they compare."""
     if isinstance(old, dict) and isinstance(new, dict):
-        return {key: _nearest(old[key], value, key.endswith("_difference")) if key in old else value for key, value in new.items()}
+        return {key: _nearest(old[key], value, near, key.endswith("_difference")) if key in old else value for key, value in new.items()}
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [_nearest(one, other) for one, other in zip(old, new, strict=True)]
-    if is_number(old) and is_number(new) and math.isclose(old, new, rel_tol=NEAR, abs_tol=NEAR if of_difference else 0.0):
+        return [_nearest(one, other, near) for one, other in zip(old, new, strict=True)]
+    if is_number(old) and is_number(new) and math.isclose(old, new, rel_tol=near, abs_tol=near if of_difference else 0.0):
         return old
     return new
 
