@@ -142,8 +142,6 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
         assert usual["margins"][key] == pytest.approx(same[key], rel=1e-12)
     assert (usual["requirements_met"], usual["unmet"]) == (False, same["unmet"])
     words = " ".join(out.split())
-    missed = f"gain margin {same['gain_margin_db']:.3g} dB (≥ 6 dB), phase margin {same['phase_margin_deg']:.3g}° (≥ 30°)"
-    assert f"; at 2 kHz they have {missed}, " in words
     assert f"{told['recommended']['kp']:.6g}" not in answer(capsys, "joint", name)[1]
     assert "sample_rate_hz: 2000" in words
     assert same["at_usual_rate"] is None
