@@ -1,4 +1,4 @@
-"""What people do instead of computing a limit, on random joints: how often it vibrates, and how far its limits are from the exact ones."""
+"""Habits in place of a computed limit, on random joints: how often they vibrate, and how far their limits are from the exact ones."""
 
 import math
 
@@ -12,7 +12,7 @@ from .table import Table
 
 JOINTS, TICK = 200, 1e-3
 OMEGA, DAMPING = 2 * math.pi * 10, 2.0
-"""Of the 10 Hz rule (glossary)."""
+"""Natural frequency [rad/s] and damping ratio of the 10 Hz rule (glossary)."""
 
 
 def run(seed: int, count: int = JOINTS) -> Table:

@@ -11,7 +11,7 @@ GITHUB = Path(".github")
 
 
 def schema(name: str, *files: Path) -> tuple[str, ...]:
-    """By one of the schemas that check-jsonschema brings along."""
+    """Check by one of the schemas that check-jsonschema brings along."""
     return "check-jsonschema", "--builtin-schema", f"vendor.{name}", *map(str, files)
 
 

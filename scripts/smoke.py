@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def said(*words: str, status: int, folder: str) -> str:
-    """What the command prints, which ends with `status`."""
+    """Output of the command, which ends with `status`."""
     done = subprocess.run(
         [sys.executable, "-m", "gainroom", *words], cwd=folder, capture_output=True, text=True, encoding="utf-8", check=False
     )

@@ -232,7 +232,7 @@ def with_armatures(path: Path, of: dict[str, float]) -> Path:
 
 
 def test_one_armature_for_unlike_motors_of_a_known_robot_is_a_placeholder(tmp_path: Path, capsys):
-    """As a model of the Booster T1 has it, 0.01 kg·m² on all: a fifth of what is published. Armatures that differ count."""
+    """An armature of 0.01 kg·m² on all, as in a model of the Booster T1, is a fifth of what is published. Armatures that differ count."""
     alike = with_armatures(tmp_path / "chain", dict.fromkeys(ARM, 0.01))
     placeholder, silent = audited(capsys, alike), audited(capsys, with_armatures(tmp_path / "bare", dict.fromkeys(ARM, 0.0)))
     assert [joint["motor_inertia"] for joint in placeholder["joints"]] == [joint["motor_inertia"] for joint in silent["joints"]]

@@ -344,6 +344,7 @@ def test_numbers_that_are_not_finite_become_null(capsys: pytest.CaptureFixture[s
 def test_numbers_for_people():
     assert digits(0.12344321) == "0.1234"
     assert digits(16000.8, "N") == "16\u202f000 N"
+    assert digits(156.3, "×", 2) == "160 ×"
     assert digits(float("nan")) == "–"
     assert digits(float("inf")) == "∞"
     assert digits(1.234e-7) == "1.234·10⁻⁷"

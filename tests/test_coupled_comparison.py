@@ -147,7 +147,7 @@ def test_slopes_are_differences_of_the_values(key, order):
 
 @pytest.mark.parametrize("key", ["pd", "pd+biquad", "split"])
 def test_one_joint_has_the_curves_of_one_joints_comparison(key):
-    """The same formulas on the same responses: round-off, and peaks those of the margins of its loop."""
+    """Several joints' formulas with one joint are the scalar ones up to round-off, and its peaks those of its loop's margins."""
     system = fig9()
     held = usual_ceilings(system, 1.4)
     one = CoupledJoints(Problem(ComparedJoint(system), held, Objective(), PATH), structure_of(key), [Spot()], 3.0)
@@ -190,7 +190,7 @@ def test_roots_are_those_of_the_products_loops():
 
 
 def test_joints_beside_those_compared_are_closed():
-    """Of both joints open, then the second closed by its law, by hand: the first alone."""
+    """Responses of both joints open, then with the second closed by its law, by hand: the first alone."""
     made, omega = parts(), np.geomspace(1.0, 2000.0, 20)
     v = np.expm1(1j * omega * TICK) / TICK
     first = sampled_state(made, [0], made.delays[[0]]).at(v)
@@ -289,7 +289,7 @@ def test_two_hips_of_the_biped_are_those_of_the_whole_robots_loop(biped, capsys)
 
 @pytest.mark.slow
 def test_ranges_of_the_file_are_kept_at_every_corner(biped, capsys):
-    """Of ± 20 % of stiffness: S of the two hips, as above, by the robot's loop at each corner; the highest is where the answer says."""
+    """Sensitivity of the two hips over ± 20 % of stiffness, by the robot's loop at each corner; the highest is where the answer says."""
     biped.write_text(biped.read_text("utf-8") + "uncertainty: {stiffness: 20%}\n", "utf-8")
     assert main(["compare", str(biped), "--joint", "left_hip_(yaw|roll)", "--state", "stand/left", "--structures", "pd", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

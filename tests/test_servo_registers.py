@@ -134,7 +134,7 @@ def test_an_audit_says_the_conversion_and_judges_the_same_gains_in_newton_metres
 
 
 def test_the_supply_tells_which_version_the_motor_is_too(tmp_path: Path):
-    """Of the STS3215 at 7.4 V figures of its own are published, 0.0284 kg·m²; of all versions together 0.026 to 0.147."""
+    """The STS3215 at 7.4 V has published figures of its own, 0.0284 kg·m²; all versions together have 0.026 to 0.147."""
     model, servos = arm(tmp_path, "drive_rate_hz: 500\ndrive_delay_ms: 4\ngains: {'.*': {servo: feetech-sts3215, p: 16, volts: 7.4}}\n")
     found = gr.audit(model, servos, delay=0.02)
     assert {joint["actuator"] for joint in found.to_dict()["joints"]} == {"feetech-sts3215-7v4"}

@@ -135,6 +135,9 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
     _, out = answer(capsys, "joint", name, "--verbose")
     told = json.loads(answer(capsys, "joint", name, "--json")[1])
     usual = told["at_usual_rate"]
+    present = {**file, "control": {**file["control"], "sample_rate_hz": 2000}}
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(present), "utf-8")
+    sampled = json.loads(answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json")[1])
     file["control"] |= {"kp": told["recommended"]["kp"], "kd": told["recommended"]["kd"], "sample_rate_hz": 2000}
     (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
     same = json.loads(answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json")[1])
@@ -142,6 +145,8 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
         assert usual["margins"][key] == pytest.approx(same[key], rel=1e-12)
     assert (usual["requirements_met"], usual["unmet"]) == (False, same["unmet"])
     words = " ".join(out.split())
+    missed = f"gain margin {sampled['gain_margin_db']:.3g} dB (≥ 6 dB), phase margin {sampled['phase_margin_deg']:.3g}° (≥ 30°)"
+    assert f"At a rate of 2 kHz, for example, these gains have {missed}, " in words
     assert f"{told['recommended']['kp']:.6g}" not in answer(capsys, "joint", name)[1]
     assert "sample_rate_hz: 2000" in words
     assert same["at_usual_rate"] is None

@@ -115,7 +115,7 @@ def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
         mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
         text = f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
     else:
-        text = f"{rounded:.{significant}g}"
+        text = f"{rounded:.{significant}g}" if abs(rounded) < 10**significant else f"{rounded:.0f}"
     text = text.replace("-", "−")
     return text + (unit if unit == "°" else f" {unit}" if unit else "")
 

@@ -14,7 +14,7 @@ from .running import MARK, as_json
 NEAR = 1e-6
 """Relative: numbers in JSON that differ by less are the same."""
 IDENTIFIED = 1e-3
-"""The same of `identify`, whose numbers are ends of a least-squares search: another processor's round-off moved one by 4e-4."""
+"""Bound like NEAR of numbers that `identify` finds, ends of a least-squares search: another processor's round-off moved one by 4e-4."""
 JUDGED = {
     *("verdict", "safe", "stable", "stable_in_range", "requirements_met", "unmet", "agrees", "diverged", "fell", "vibrates", "unstable"),
     *("held_by", "adequate", "gain_margin_met", "certified", "ready", "proved", "range_proved"),

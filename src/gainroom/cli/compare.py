@@ -16,6 +16,36 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 
+JointNames = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Joint of a robot.yaml, or a pattern of several together, all others closed by its gains; else the softest.",
+        show_default=False,
+    ),
+]
+State = Annotated[
+    str | None,
+    typer.Option(metavar="POSTURE/CONTACT", help="State for several joints together, else the softest.", show_default=False),
+]
+Structures = Annotated[
+    str | None,
+    typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, dob, observer, split, torque_feedback …", show_default=False),
+]
+SensorNoise = Annotated[
+    float | None,
+    number_option("--torque-sensor", "in N·m", "As if the joint had a torque sensor with so much noise [N·m rms].", show_default=False),
+]
+TorqueNoise = Annotated[
+    float | None,
+    number_option("--noise", "in N·m", "Largest rms torque command that noise may make [N·m], else the best PD's.", show_default=False),
+]
+ObjectiveName = Annotated[str | None, typer.Option(metavar="NAME", help="dynamic_stiffness, white_load or step_load.", show_default=False)]
+BestKnown = Annotated[
+    bool, typer.Option("--best-known", help="Also how near to that a controller is known to come (needs gainroom[compare]).")
+]
+
+
 def compare(
     context: typer.Context,
     file: Annotated[
@@ -24,37 +54,14 @@ def compare(
             metavar="FILE", help="A joint.yaml with control.sample_rate_hz; gains may be left out. Or a robot.yaml.", show_default=False
         ),
     ],
-    joint: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Joint of a robot.yaml, or a pattern of several together, all others closed by its gains; else the softest.",
-            show_default=False,
-        ),
-    ] = None,
-    state: Annotated[
-        str | None,
-        typer.Option(metavar="POSTURE/CONTACT", help="State for several joints together, else the softest.", show_default=False),
-    ] = None,
-    structures: Annotated[
-        str | None,
-        typer.Option(metavar="KEY,KEY,…", help="pd, pid, pd+biquad, dob, observer, split, torque_feedback …", show_default=False),
-    ] = None,
-    torque_sensor: Annotated[
-        float | None,
-        number_option("--torque-sensor", "in N·m", "As if the joint had a torque sensor with so much noise [N·m rms].", show_default=False),
-    ] = None,
-    noise: Annotated[
-        float | None,
-        number_option("--noise", "in N·m", "Largest rms torque command that noise may make [N·m], else the best PD's.", show_default=False),
-    ] = None,
-    objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help="dynamic_stiffness, white_load or step_load.", show_default=False)
-    ] = None,
+    joint: JointNames = None,
+    state: State = None,
+    structures: Structures = None,
+    torque_sensor: SensorNoise = None,
+    noise: TorqueNoise = None,
+    objective: ObjectiveName = None,
     bound: Annotated[bool, typer.Option(help="Also what no linear controller can beat.")] = True,
-    best_known: Annotated[
-        bool, typer.Option("--best-known", help="Also how near to that a controller is known to come (needs gainroom[compare]).")
-    ] = False,
+    best_known: BestKnown = False,
     write: Annotated[
         Path | None, typer.Option(metavar="FILE.yaml", help="Also write a copy with the controller found.", show_default=False)
     ] = None,

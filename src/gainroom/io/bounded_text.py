@@ -11,7 +11,7 @@ from ..errors import GainroomError
 from .run_files import note_read
 
 READING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
-"""How files are opened: to open a FIFO would wait for its writer. Windows has no FIFOs among its files, and not this flag."""
+"""Flags with which files are opened: to open a FIFO would wait for its writer. Windows has no FIFOs among its files, and not this flag."""
 
 
 @contextlib.contextmanager

@@ -171,8 +171,7 @@ def _others(found: Comparison) -> str:
 
 
 def _factor(found: Comparison, row: Row) -> str:
-    more = times(found, row.worst)
-    return digits(more, "×", 2 if more < 100 else 3)  # 160 ×, not 1.6·10²
+    return digits(times(found, row.worst), "×", 2)
 
 
 def is_bounded(row: Row) -> bool:
